@@ -26,6 +26,7 @@ use maquette_nodes::image::{
 use maquette_nodes::mesh::{Movable, Poses, reconstruct};
 use maquette_nodes::range::{Axes, Unit, read_range};
 use maquette_nodes::scan::Scan;
+use maquette_nodes::solid::{Operation, boolean};
 use maquette_nodes::subdivision::{
     Boundary, Corners, Creases, InterpolateOptions, Plan, Scattered, Scheme, Subdivision,
     interpolate, subdivide,
@@ -69,6 +70,11 @@ fn repeat(work: &str, folder: &Path) {
             // No border is left.
             let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
             serve(run, |filled| open(&filled.mesh) as f64);
+        }
+        "union" => {
+            let [ball, other] = ["ball", "other"].map(|name| mesh(folder, name));
+            let run = || boolean(&ball, &[&other], Operation::Union, &Progress::none());
+            serve(|| run().expect("two solids"), |united| united.faces().len() as f64);
         }
         "align" => aligned(folder),
         "reconstruct" => reconstructed(folder, "cloud", false),

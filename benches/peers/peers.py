@@ -34,7 +34,7 @@ DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
 # Installed by name, in the version of the peers' requirements.txt where that names one.
-PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib"]
+PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d"]
 RUNS_OF_A_PROCESS = 4
 
 
@@ -272,6 +272,41 @@ def open3d_align():
     return Peer(f"Open3D {open3d.__version__}", run, off)
 
 
+def manifold_union():
+    import manifold3d
+
+    balls = [manifold3d.Manifold(manifold3d.Mesh64(load(f"{name}_v"), load(f"{name}_f").astype("u8"))) for name in ("ball", "other")]
+    run = lambda: manifold3d.Manifold.batch_boolean(balls, manifold3d.OpType.Add).to_mesh64()
+    return Peer("Manifold, in its own form", run, lambda mesh: len(mesh.tri_verts))
+
+
+def manifold_union_of_meshes():
+    import manifold3d
+
+    meshes = [(load(f"{name}_v"), load(f"{name}_f").astype("u8")) for name in ("ball", "other")]
+
+    def run():
+        balls = [manifold3d.Manifold(manifold3d.Mesh64(*mesh)) for mesh in meshes]
+        return manifold3d.Manifold.batch_boolean(balls, manifold3d.OpType.Add).to_mesh64()
+
+    return Peer("Manifold, of meshes", run, lambda mesh: len(mesh.tri_verts))
+
+
+def meshlab_union():
+    import pymeshlab
+
+    balls = [pymeshlab.Mesh(load(f"{name}_v"), load(f"{name}_f")) for name in ("ball", "other")]
+
+    def run():
+        meshes = pymeshlab.MeshSet()
+        for ball in balls:
+            meshes.add_mesh(ball)
+        meshes.generate_boolean_union(first_mesh=0, second_mesh=1)
+        return meshes
+
+    return Peer("MeshLab generate_boolean_union", run, lambda meshes: meshes.current_mesh().face_number())
+
+
 def open3d_pcd():
     import open3d
 
@@ -487,6 +522,7 @@ ROWS = [
     Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
     Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),
+    Row("union of two balls of 81 920 triangles", "union", None, [manifold_union, manifold_union_of_meshes, meshlab_union]),
     Row("align two scans of 40 000 points, no hint", "align", 500, [open3d_align]),
     Row("skin of 100 000 points, noise of 1 %", "reconstruct", 2000, [open3d_poisson("cloud", False), meshlab_poisson("cloud", False)]),
     Row("skin of 100 000 points and normals, 1 %", "reconstruct-normals", 2000, [open3d_poisson("cloud", True), meshlab_poisson("cloud", True)]),
@@ -507,6 +543,8 @@ def make_inputs():
 
     if not (DATA / "cloud.npy").exists():
         make_clouds()
+    if not (DATA / "ball_v.npy").exists():
+        make_balls()
     for name in ("bun000.ply", "bun045.ply"):
         (DATA / name).write_bytes((PEERS.parent / "data/real/stanford_bunny" / name).read_bytes())
     (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
@@ -539,6 +577,18 @@ def make_clouds():
     numpy.save(DATA / "cloud_clean.npy", points)
     numpy.save(DATA / "cloud_normals.npy", normals)
     numpy.save(DATA / "cloud.npy", points + random.normal(size=points.shape) * 0.01 * diagonal)
+
+
+def make_balls():
+    """Two balls of 81 920 triangles that overlap; one is turned, so that no two edges are parallel."""
+    import numpy
+    import trimesh
+
+    for name, middle, turn in (("ball", (0, 0, 0), 0.0), ("other", (5, 1, 2), 0.7)):
+        ball = trimesh.creation.icosphere(subdivisions=6, radius=10)
+        ball.apply_transform(trimesh.transformations.rotation_matrix(turn, (1, 2, 3)))
+        numpy.save(DATA / f"{name}_v.npy", ball.vertices + middle)
+        numpy.save(DATA / f"{name}_f.npy", ball.faces.astype("u4"))
 
 
 def wavy(width, height):

@@ -2,6 +2,7 @@
 
 use maquette::Pack;
 
+mod boolean;
 mod boxes;
 mod crossings;
 mod hollow;
@@ -10,6 +11,7 @@ mod polygons;
 mod solid;
 mod volume;
 
+pub use boolean::{Boolean, BooleanError, Operation, boolean};
 pub use hollow::{Hollow, HollowError, hollow};
 pub use solid::{Base, Holes, Solid, SolidError, solid};
 
@@ -18,7 +20,7 @@ maquette::nodes_of_this_build!();
 /// Nodes that make solids: what a printer can make.
 pub static PACK: Pack = Pack {
     name: "solid",
-    nodes: &[node::<Solid>(), node::<Hollow>()],
+    nodes: &[node::<Solid>(), node::<Hollow>(), node::<Boolean>()],
     values: &[],
     formats: &[],
     readers: &[],

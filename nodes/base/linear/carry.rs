@@ -2,10 +2,11 @@
 
 use maquette::value::Attribute;
 
-use maquette_base::linear::mix::Mix;
+use super::mix::Mix;
+use super::stencils::Stencils;
 
 /// A way from old elements to new ones, the same for every type of data.
-pub(crate) trait Carry {
+pub trait Carry {
     /// The data of the new elements.
     fn column<T: Mix>(&self, old: &[T]) -> Vec<T>;
 
@@ -19,5 +20,12 @@ pub(crate) trait Carry {
             Attribute::Vector(old) => Attribute::Vector(self.column(old).into()),
             Attribute::Color(old) => Attribute::Color(self.column(old).into()),
         }
+    }
+}
+
+/// Each new element is a mean of old ones.
+impl Carry for Stencils {
+    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
+        self.apply(old)
     }
 }

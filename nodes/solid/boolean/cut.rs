@@ -1,0 +1,288 @@
+//! The faces of two solids, cut where they meet, and put together.
+
+use std::collections::BTreeSet;
+
+use maquette::value::{Faces, Mesh, MeshError};
+use maquette_base::linear::carry::Carry;
+use maquette_base::linear::stencils::Stencils;
+use maquette_base::topology::lists::Lists;
+use nalgebra::{Point3, Vector3, center};
+
+use super::Operation;
+use super::meet::{Meet, Meeting, Pair};
+use super::weld::weld;
+use crate::polygons::{flat, loops, triangulate};
+
+/// What stays of two solids.
+///
+/// Its vertices are those of both solids, behind them the meetings, and behind these what is halfway between two others.
+pub(super) struct Cut<'a> {
+    pair: &'a Pair<'a>,
+    meet: &'a Meet,
+    pub(super) halfway: Vec<[u32; 2]>,
+    /// Faces that stay as they are, and whether they look to the other side now.
+    whole: Vec<(u32, bool)>,
+    /// What stays of triangles that are cut.
+    pub(super) pieces: Vec<Piece>,
+}
+
+/// A part of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub(super) triangle: u32,
+    pub(super) vertices: [u32; 3],
+}
+
+impl<'a> Cut<'a> {
+    /// What stays of both solids.
+    pub(super) fn new(pair: &'a Pair<'a>, meet: &'a Meet, inside: &[bool], how: Operation) -> Self {
+        let segments = Lists::group(pair.triangles.len(), || {
+            let numbered = (0u32..).zip(&meet.segments);
+            numbered.flat_map(|(number, it)| it.triangles.map(|triangle| (triangle, number)))
+        });
+        let mut cut =
+            Self { pair, meet, halfway: Vec::new(), whole: Vec::new(), pieces: Vec::new() };
+        for solid in [0, 1] {
+            let wants_inside = match (how, solid) {
+                (Operation::Union, _) | (Operation::Difference, 0) => false,
+                (Operation::Intersection, _) | (Operation::Difference, _) => true,
+            };
+            let is_turned = how == Operation::Difference && solid == 1;
+            let all = pair.triangles_of(solid);
+            let mut next = all.start;
+            for own in pair.triangles[all].chunk_by(|a, b| a.face == b.face) {
+                let triangles = next..next + own.len();
+                next = triangles.end;
+                if triangles.clone().all(|it| segments.of(it).is_empty()) {
+                    if inside[own[0].vertices[0] as usize] == wants_inside {
+                        cut.whole.push((own[0].face, is_turned));
+                    }
+                    continue;
+                }
+                for triangle in triangles {
+                    let lines = segments.of(triangle).iter().map(|&it| {
+                        let [start, end] = meet.segments[it as usize].ends;
+                        if (solid == 0) == wants_inside { [start, end] } else { [end, start] }
+                    });
+                    let sides = cut.sides(triangle, lines, (inside, wants_inside));
+                    cut.add_pieces(triangle, &sides, is_turned);
+                }
+            }
+        }
+        weld(&mut cut);
+        cut
+    }
+
+    /// The sides of what stays of a triangle, which lies to their left: parts of its edges, and lines in which others cross it.
+    fn sides(
+        &self,
+        triangle: usize,
+        lines: impl Iterator<Item = [u32; 2]>,
+        (inside, wants_inside): (&[bool], bool),
+    ) -> Vec<[u32; 2]> {
+        let mut sides = Vec::from_iter(lines.map(|ends| ends.map(|it| it + self.behind())));
+        let vertices = self.pair.triangles[triangle].vertices;
+        for k in 0..3 {
+            let stops = self.stops([vertices[k], vertices[(k + 1) % 3]]);
+            let first = usize::from(inside[vertices[k] as usize] != wants_inside);
+            sides.extend(stops.windows(2).skip(first).step_by(2).map(|pair| [pair[0], pair[1]]));
+        }
+        sides
+    }
+
+    fn add_pieces(&mut self, triangle: usize, sides: &[[u32; 2]], is_turned: bool) {
+        let own = self.pair.triangles[triangle].vertices;
+        let [a, b, c] = own.map(|vertex| self.position(vertex));
+        let normal = (b - a).cross(&(c - a));
+        let place = |vertex: u32| flat(self.position(vertex), normal);
+        let found = triangulate(&loops(sides), place);
+        self.pieces.extend(found.into_iter().map(|[a, b, c]| Piece {
+            triangle: triangle as u32,
+            vertices: if is_turned { [a, c, b] } else { [a, b, c] },
+        }));
+    }
+
+    /// The first vertex that is none of the solids'.
+    pub(super) fn behind(&self) -> u32 {
+        self.pair.mesh.positions().len() as u32
+    }
+
+    /// The number of meetings.
+    pub(super) fn meetings(&self) -> usize {
+        self.meet.meetings.len()
+    }
+
+    /// What is nearer than this is one place, in mm.
+    pub(super) fn tolerance(&self) -> f64 {
+        self.pair.tolerance
+    }
+
+    /// The edges between vertices of pieces of the faces that stay as they are, the lower vertex first.
+    pub(super) fn edges_of_whole_faces(&self) -> BTreeSet<[u32; 2]> {
+        let mut is_near = vec![false; self.behind() as usize];
+        for vertex in self.pieces.iter().flat_map(|piece| piece.vertices) {
+            if let Some(is_near) = is_near.get_mut(vertex as usize) {
+                *is_near = true;
+            }
+        }
+        let faces = self.whole.iter().map(|it| self.pair.mesh.faces().face(it.0 as usize));
+        let edges = faces.flat_map(|face| face.iter().zip(face[1..].iter().chain(&face[..1])));
+        let near = edges.filter(|(a, b)| is_near[**a as usize] && is_near[**b as usize]);
+        near.map(|(&a, &b)| [a.min(b), a.max(b)]).collect()
+    }
+
+    /// Where a vertex is.
+    pub(super) fn position(&self, vertex: u32) -> Point3<f64> {
+        let positions = self.pair.mesh.positions();
+        match self.origin(vertex) {
+            Origin::Vertex(vertex) => positions[vertex],
+            Origin::Meeting(Meeting { edge, share, .. }) => {
+                let [low, high] = edge.map(|it| positions[it as usize]);
+                low + (high - low) * *share
+            }
+            Origin::Halfway(ends) => center(&self.position(ends[0]), &self.position(ends[1])),
+        }
+    }
+
+    fn origin(&self, vertex: u32) -> Origin<'_> {
+        let vertex = vertex as usize;
+        let Some(meeting) = vertex.checked_sub(self.behind() as usize) else {
+            return Origin::Vertex(vertex);
+        };
+        match self.meet.meetings.get(meeting) {
+            Some(meeting) => Origin::Meeting(meeting),
+            None => Origin::Halfway(self.halfway[meeting - self.meet.meetings.len()]),
+        }
+    }
+
+    /// How much of each vertex of the solids is in a vertex.
+    fn shares(&self, vertex: u32, whole: f64, shares: &mut Vec<(u32, f64)>) {
+        match self.origin(vertex) {
+            Origin::Vertex(_) => shares.push((vertex, whole)),
+            Origin::Meeting(Meeting { edge: [low, high], share, .. }) => {
+                shares.extend([(*low, whole * (1.0 - share)), (*high, whole * share)]);
+            }
+            Origin::Halfway(ends) => {
+                ends.into_iter().for_each(|end| self.shares(end, whole / 2.0, shares));
+            }
+        }
+    }
+
+    /// An edge's first vertex, its meetings in their order, and its other vertex.
+    fn stops(&self, [from, to]: [u32; 2]) -> Vec<u32> {
+        let mut stops = vec![from];
+        stops.extend(self.meet.along([from, to]).iter().map(|it| it + self.behind()));
+        if to < from {
+            stops[1..].reverse();
+        }
+        stops.push(to);
+        stops
+    }
+
+    /// The mesh of what stays.
+    pub(super) fn mesh(&self) -> Result<Mesh, MeshError> {
+        let of = self.pair.mesh;
+        let count = self.behind() as usize + self.meet.meetings.len() + self.halfway.len();
+        let mut sides = Vec::with_capacity(self.whole.len() + self.pieces.len());
+        let mut faces = Vec::with_capacity(sides.capacity());
+        // The vertex of each corner, and the corner or the triangle that it is on.
+        let mut corners: Vec<(u32, Result<u32, u32>)> = Vec::new();
+        for &(face, is_turned) in &self.whole {
+            let vertices = of.faces().face(face as usize);
+            let numbers = of.faces().first_corner(face as usize) as u32..;
+            let first = corners.len();
+            corners.extend(vertices.iter().zip(numbers).map(|(&it, corner)| (it, Ok(corner))));
+            if is_turned {
+                corners[first + 1..].reverse();
+            }
+            sides.push(vertices.len());
+            faces.push(face);
+        }
+        for piece in &self.pieces {
+            let own = &self.pair.triangles[piece.triangle as usize];
+            corners.extend(piece.vertices.map(|vertex| {
+                let corner = own.vertices.iter().position(|it| *it == vertex);
+                (vertex, corner.map(|k| own.corners[k]).ok_or(piece.triangle))
+            }));
+            sides.push(3);
+            faces.push(own.face);
+        }
+        // Vertices in their order, without those that no face needs.
+        let mut places = vec![u32::MAX; count];
+        corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
+        let kept = Vec::from_iter((0..count as u32).filter(|&it| places[it as usize] == 0));
+        (0..).zip(&kept).for_each(|(place, &vertex)| places[vertex as usize] = place);
+        let numbers = corners.iter().map(|corner| places[corner.0 as usize]).collect();
+        let positions = Vec::from_iter(kept.iter().map(|&vertex| self.position(vertex)));
+        let mut mesh = Mesh::new(positions, Faces::polygons(&sides, numbers)?)?
+            .with_creases(self.creases(&places))?
+            .with_texture(of.texture().cloned())
+            .with_frame(of.frame().copied());
+        let is_kept = |name: &str| name != "normal";
+        if of.vertex().iter().any(|(name, _)| is_kept(name)) {
+            let mixed = rows(kept.iter(), |&vertex, row| self.shares(vertex, 1.0, row));
+            for (name, attribute) in of.vertex().iter().filter(|it| is_kept(it.0)) {
+                mesh = mesh.with_vertex(name, mixed.attribute(attribute))?;
+            }
+        }
+        if of.corner().iter().any(|(name, _)| is_kept(name)) {
+            let mixed = rows(corners.iter(), |&(vertex, on), row| match on {
+                Ok(corner) => row.push((corner, 1.0)),
+                Err(triangle) => {
+                    let own = &self.pair.triangles[triangle as usize];
+                    let places = own.vertices.map(|it| self.position(it));
+                    row.extend(own.corners.into_iter().zip(within(places, self.position(vertex))));
+                }
+            });
+            for (name, attribute) in of.corner().iter().filter(|it| is_kept(it.0)) {
+                mesh = mesh.with_corner(name, mixed.attribute(attribute))?;
+            }
+        }
+        for (name, attribute) in of.face().iter() {
+            mesh = mesh.with_face(name, attribute.select(&faces))?;
+        }
+        Ok(mesh)
+    }
+
+    /// The creases of both solids, as far as they are left.
+    fn creases(&self, places: &[u32]) -> Vec<([u32; 2], f64)> {
+        let parts = self.pair.mesh.creases().flat_map(|(edge, sharpness)| {
+            let stops = self.stops(edge).into_iter().map(|it| places[it as usize]);
+            let stops = Vec::from_iter(stops);
+            let parts = stops.windows(2).map(|pair| ([pair[0], pair[1]], sharpness));
+            Vec::from_iter(parts.filter(|(ends, _)| !ends.contains(&u32::MAX)))
+        });
+        parts.collect()
+    }
+}
+
+/// What a vertex is.
+enum Origin<'a> {
+    Vertex(usize),
+    Meeting(&'a Meeting),
+    Halfway([u32; 2]),
+}
+
+/// A row for each item.
+fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>)) -> Stencils {
+    let (mut starts, mut indices, mut weights) = (vec![0], Vec::new(), Vec::new());
+    let mut row = Vec::new();
+    for item in items {
+        of(item, &mut row);
+        for (index, weight) in row.drain(..) {
+            indices.push(index);
+            weights.push(weight);
+        }
+        starts.push(indices.len() as u32);
+    }
+    Stencils::from_parts(starts, indices, weights)
+}
+
+/// How much of each corner of a triangle is in a place on it.
+fn within([a, b, c]: [Point3<f64>; 3], at: Point3<f64>) -> [f64; 3] {
+    let normal: Vector3<f64> = (b - a).cross(&(c - a));
+    let area = |p: Point3<f64>, q: Point3<f64>| (p - at).cross(&(q - at)).dot(&normal).max(0.0);
+    let areas = [area(b, c), area(c, a), area(a, b)];
+    let sum: f64 = areas.iter().sum();
+    if sum > 0.0 { areas.map(|it| it / sum) } else { [1.0, 0.0, 0.0] }
+}

@@ -1,0 +1,220 @@
+//! On which side of a triangle a place is, decided without rounding and without ties.
+
+use std::cmp::Ordering;
+
+use nalgebra::{Point3, Vector3};
+use num_bigint::BigInt;
+
+/// Half of the cells of the grid along its longest side: products of three differences of coordinates must fit into 128 bits, and those of
+/// two into 64.
+const HALF: f64 = (1 << 29) as f64;
+
+/// Length of the direction into which a place moves. What counts is the direction, but no more of it than this.
+const REACH: f64 = 512.0;
+
+type Row = [i64; 3];
+
+/// A place on the grid that may move by infinitely little.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Site {
+    /// Where it is, in cells.
+    pub(super) at: Row,
+    /// Whether it moves, and into which direction first.
+    moves: Option<Row>,
+}
+
+impl Site {
+    /// The place that is seen from this one along x, so far away. It moves as this one does.
+    pub(super) fn far(self, x: i64) -> Self {
+        Self { at: [x, self.at[1], self.at[2]], ..self }
+    }
+}
+
+/// Places are told apart to some 2e-9 of the size of all.
+pub(super) struct Grid {
+    middle: Point3<f64>,
+    per_mm: f64,
+}
+
+impl Grid {
+    /// Around some bounds.
+    pub(super) fn new([low, high]: [Point3<f64>; 2]) -> Self {
+        let half = (high - low).amax() / 2.0;
+        // A power of two, so that short numbers are on the grid.
+        let per_mm = if half > 0.0 { libm::exp2(libm::log2(HALF / half).floor()) } else { 1.0 };
+        let middle = nalgebra::center(&low, &high).map(|x| (x * per_mm).round() / per_mm);
+        Self { middle, per_mm }
+    }
+
+    /// A place that stays.
+    pub(super) fn fixed(&self, at: &Point3<f64>) -> Site {
+        let cells = (at - self.middle) * self.per_mm;
+        Site { at: [0, 1, 2].map(|axis| cells[axis].round() as i64), moves: None }
+    }
+
+    /// A place that moves into a direction.
+    pub(super) fn moving(&self, at: &Point3<f64>, along: Vector3<f64>) -> Site {
+        let unit = along.try_normalize(0.0).unwrap_or_default() * REACH;
+        let moves = Some([0, 1, 2].map(|axis| unit[axis].round() as i64));
+        Site { moves, ..self.fixed(at) }
+    }
+
+    /// A few cells, in mm.
+    pub(super) fn tolerance(&self) -> f64 {
+        4.0 / self.per_mm
+    }
+}
+
+/// The first term of a polynomial that is not zero: its place among all terms, and its factor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Leading {
+    order: u8,
+    factor: i128,
+}
+
+impl Leading {
+    /// Above the triangle, or not.
+    pub(super) fn is_above(self) -> bool {
+        0 < self.factor
+    }
+
+    /// Whether there is no height: over a triangle that is a line.
+    pub(super) fn is_zero(self) -> bool {
+        self.factor == 0
+    }
+
+    /// Where between two places of these heights the height is zero, as a share of the way from the first.
+    pub(super) fn share(self, other: Self) -> f64 {
+        match self.order.cmp(&other.order) {
+            Ordering::Less => 1.0,
+            Ordering::Greater => 0.0,
+            Ordering::Equal => self.factor as f64 / (self.factor as f64 - other.factor as f64),
+        }
+    }
+}
+
+/// How high the last of four places is above the triangle of the others, which is seen counter-clockwise from above: six times the volume
+/// between them.
+///
+/// Where that is zero, the places that move decide. One that moves is `at + e * direction + (d, d^2, d^3)`, with e infinitely small, and d
+/// infinitely smaller than each power of e. The volume is a polynomial in e and d, of which the first term that is not zero counts
+/// (Edelsbrunner and Mucke, "Simulation of simplicity", 1990). All are zero only if the triangle is a line, or two of its edges are parallel.
+pub(super) fn height(sites: [&Site; 4]) -> Leading {
+    let volume = determinant(rows(sites, |site| site.at));
+    if volume != 0 {
+        return Leading { order: 0, factor: volume };
+    }
+    let terms = terms(sites);
+    let first = (0..).zip(terms.into_iter().flatten()).find(|term| term.1 != 0);
+    let (order, factor) = first.unwrap_or((16, 0));
+    Leading { order, factor }
+}
+
+/// Which of two triangles an edge goes through first, from its first place on.
+///
+/// Where heights `l` and `h` of its ends have different signs, it is at `l / (l - h)` of the way. Two of these are compared as polynomials.
+pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering {
+    let heights = triangles.map(|[a, b, c]| edge.map(|end| terms([a, b, c, end])));
+    let lows = triangles.map(|[a, b, c]| height([a, b, c, edge[0]]).is_above());
+    let mut sums = vec![BigInt::ZERO; 7 * 7];
+    for (sign, [of_low, of_high]) in [(1, [1, 0]), (-1, [0, 1])] {
+        let [low, high] = [&heights[of_low][0], &heights[of_high][1]].map(|it| it.as_flattened());
+        for (i, a) in low.iter().enumerate().filter(|it| *it.1 != 0) {
+            for (j, b) in high.iter().enumerate().filter(|it| *it.1 != 0) {
+                sums[7 * (i / 4 + j / 4) + i % 4 + j % 4] += sign * BigInt::from(*a) * b;
+            }
+        }
+    }
+    let first = sums.iter().find(|sum| **sum != BigInt::ZERO);
+    let order = first.map_or(Ordering::Equal, |sum| sum.cmp(&BigInt::ZERO));
+    // Multiplied by both denominators, of which one may be below zero.
+    if lows[0] == lows[1] { order } else { order.reverse() }
+}
+
+/// The factors of a height: by the power of `d` from 0 to 3, and then by the power of `e`.
+fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
+    let base = rows(sites, |site| site.at);
+    let motion = rows(sites, |site| site.moves.unwrap_or_default());
+    let does_move = |k: usize| i64::from(sites[k].moves.is_some());
+    let mut terms = [[0; 4]; 4];
+    let mut add = |power: usize, base: [Row; 3], fixed: Option<usize>| {
+        for choice in 0..8u8 {
+            let is_moved = |row: usize| choice >> row & 1 == 1;
+            if fixed.is_none_or(|row| !is_moved(row)) {
+                let own = [0, 1, 2].map(|row| if is_moved(row) { motion[row] } else { base[row] });
+                terms[power][choice.count_ones() as usize] += determinant(own);
+            }
+        }
+    };
+    add(0, base, None);
+    // All that moves is shifted alike, so that of products of two shifts nothing is left.
+    for axis in 0..3 {
+        for row in 0..3 {
+            let mut own = base;
+            own[row] = [0; 3];
+            own[row][axis] = does_move(row + 1) - does_move(0);
+            add(axis + 1, own, Some(row));
+        }
+    }
+    terms
+}
+
+fn rows(sites: [&Site; 4], of: impl Fn(&Site) -> Row) -> [Row; 3] {
+    let from = of(sites[0]);
+    [1, 2, 3].map(|k| {
+        let to = of(sites[k]);
+        [0, 1, 2].map(|axis| to[axis] - from[axis])
+    })
+}
+
+fn determinant([u, v, w]: [Row; 3]) -> i128 {
+    let minor = |a: usize, b: usize| i128::from(v[a] * w[b] - v[b] * w[a]);
+    let [x, y, z] = u.map(i128::from);
+    x * minor(1, 2) + y * minor(2, 0) + z * minor(0, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> Grid {
+        Grid::new([Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)])
+    }
+
+    #[test]
+    fn a_place_is_above_a_triangle_or_below() {
+        let [a, b, c] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+            .map(|it| grid().fixed(&Point3::from(it)));
+        let above = grid().fixed(&Point3::new(0.2, 0.2, 1.0));
+        let below = grid().fixed(&Point3::new(0.2, 0.2, -0.5));
+        let heights = [above, below].map(|site| height([&a, &b, &c, &site]));
+        assert!(heights[0].is_above() && !heights[1].is_above());
+        assert!((heights[0].share(heights[1]) - 2.0 / 3.0).abs() < 1e-9);
+        assert_eq!(height([&a, &c, &b, &above]).factor, -heights[0].factor);
+    }
+
+    #[test]
+    fn of_places_in_one_plane_the_motion_decides() {
+        let [a, b, c] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+            .map(|it| grid().fixed(&Point3::from(it)));
+        let at = Point3::new(0.3, 0.3, 0.0);
+        for (along, is_above) in
+            [([0.0, 0.0, 1.0], true), ([1.0, 0.0, -0.1], false), ([1.0, 0.0, 0.0], true)]
+        {
+            let site = grid().moving(&at, Vector3::from(along));
+            // Without a motion upwards it is the shift along z that is left.
+            assert_eq!(height([&a, &b, &c, &site]).is_above(), is_above, "{along:?}");
+            assert_eq!(height([&b, &a, &c, &site]).is_above(), !is_above, "{along:?}");
+            assert_eq!(height([&a, &b, &site, &c]).is_above(), !is_above, "{along:?}");
+        }
+    }
+
+    #[test]
+    fn the_largest_differences_fit() {
+        let corner = |x: f64, y: f64, z: f64| grid().fixed(&Point3::new(x, y, z));
+        let sites =
+            [corner(-1., -1., -1.), corner(1., 1., -1.), corner(1., -1., 1.), corner(-1., 1., 1.)];
+        let volume = height([&sites[0], &sites[1], &sites[2], &sites[3]]);
+        assert_eq!(volume.factor.abs(), 2 * (1i128 << 90));
+    }
+}

@@ -1,0 +1,279 @@
+//! What solids make of each other.
+
+use maquette::value::{Attribute, Faces};
+use nalgebra::{Point3, Rotation3, Vector3};
+
+use super::*;
+use crate::crossings::crossings;
+
+/// A box of quads with its lowest corner in a place.
+fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
+    let at = |k: usize| {
+        Point3::from([0, 1, 2].map(|axis| low[axis] + size[axis] * (k >> axis & 1) as f64))
+    };
+    let faces =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
+    Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap()
+}
+
+fn cube(low: [f64; 3]) -> Mesh {
+    cuboid(low, [10.0; 3])
+}
+
+/// A ball of triangles: an octahedron of which each face is cut into `steps` squared.
+fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
+    let octant = |signs: u32, i: u32, j: u32| {
+        let sign = |axis: u32| if signs >> axis & 1 == 1 { -1.0 } else { 1.0 };
+        let k = steps - i - j;
+        let at =
+            Vector3::new(f64::from(i) * sign(0), f64::from(j) * sign(1), f64::from(k) * sign(2));
+        Point3::from(Vector3::from(middle) + at.normalize() * radius)
+    };
+    let (mut places, mut corners) = (Vec::<Point3<f64>>::new(), Vec::new());
+    let mut number = |at: Point3<f64>| {
+        let known = places.iter().position(|it| (it - at).norm() < 1e-9 * radius);
+        known.unwrap_or_else(|| {
+            places.push(at);
+            places.len() - 1
+        }) as u32
+    };
+    for signs in 0..8u32 {
+        for i in 0..steps {
+            for j in 0..steps - i {
+                let lower = [(i, j), (i + 1, j), (i, j + 1)];
+                let upper = [(i + 1, j), (i + 1, j + 1), (i, j + 1)];
+                let both = [Some(lower), (i + j + 1 < steps).then_some(upper)];
+                for triangle in both.into_iter().flatten() {
+                    let mut own = triangle.map(|(i, j)| number(octant(signs, i, j)));
+                    if signs.count_ones() % 2 == 1 {
+                        own.reverse();
+                    }
+                    corners.push(own);
+                }
+            }
+        }
+    }
+    Mesh::new(places, Faces::triangles(corners)).unwrap()
+}
+
+fn turned(mesh: &Mesh, by: [f64; 3]) -> Mesh {
+    let rotation = Rotation3::from_scaled_axis(Vector3::from(by));
+    let places = mesh.positions().iter().map(|place| rotation * place);
+    mesh.with_positions(places.collect()).unwrap()
+}
+
+fn size(mesh: &Mesh) -> f64 {
+    mesh.bounds().map_or(0.0, |(low, _)| volume(mesh, low))
+}
+
+/// The volume of what an operation makes, which must be a solid.
+#[track_caller]
+fn made(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
+    let made = boolean(first, &[second], how, &Progress::none());
+    let made = made.unwrap_or_else(|why| {
+        panic!(
+            "{how:?}: {why}: {:?} {:?} {:?}",
+            first.positions(),
+            first.faces().corners(),
+            second.bounds()
+        )
+    });
+    let edges = made.edges();
+    assert_eq!(edges.misoriented, 0);
+    assert!(
+        edges.faces.iter().all(|faces| *faces == 2),
+        "{how:?} {:?} {:?} {:?} {:?}",
+        first.bounds(),
+        second.bounds(),
+        made.positions(),
+        Vec::from_iter(made.faces().iter())
+    );
+    (size(&made), made)
+}
+
+/// All three operations both ways round, of which the common volume is known.
+#[track_caller]
+fn check(first: &Mesh, second: &Mesh, common: f64) {
+    use Operation::{Difference, Intersection, Union};
+    let sizes = [first, second].map(size);
+    let most = 1e-7 * (sizes[0] + sizes[1]);
+    for ([a, b], own) in [([first, second], sizes[0]), ([second, first], sizes[1])] {
+        for (how, wanted) in [
+            (Union, sizes[0] + sizes[1] - common),
+            (Difference, own - common),
+            (Intersection, common),
+        ] {
+            let found = made(a, b, how).0;
+            assert!(
+                (found - wanted).abs() <= most,
+                "{how:?}: {found}, not {wanted}: {:?} {:?} {:?} {:?}",
+                a.positions(),
+                Vec::from_iter(a.faces().iter()),
+                b.positions(),
+                Vec::from_iter(b.faces().iter())
+            );
+        }
+    }
+}
+
+#[test]
+fn boxes_that_overlap() {
+    check(&cube([0.; 3]), &cube([5., 6., 7.]), 5. * 4. * 3.);
+    check(&cube([0.; 3]), &cuboid([2., 2., -5.], [3., 4., 20.]), 120.);
+    check(&cube([0.; 3]), &cuboid([2., 3., 4.], [1., 2., 3.]), 6.);
+    check(&cube([0.; 3]), &cube([20., 0., 0.]), 0.);
+}
+
+#[test]
+fn boxes_whose_walls_lie_in_one_plane() {
+    for (low, common) in [
+        ([10., 0., 0.], 0.),
+        ([10., 10., 0.], 0.),
+        ([10., 10., 10.], 0.),
+        ([5., 0., 0.], 500.),
+        ([5., 5., 0.], 250.),
+        ([0., 0., 0.], 1000.),
+        ([10., 3., 4.], 0.),
+        ([0., 3., 4.], 42. * 10.),
+    ] {
+        check(&cube([0.; 3]), &cube(low), common);
+    }
+    check(&cube([0.; 3]), &cuboid([2., 2., 5.], [3., 3., 5.]), 45.);
+    check(&cube([0.; 3]), &cuboid([2., 2., 10.], [3., 3., 5.]), 0.);
+    check(&cube([0.; 3]), &cuboid([0., 0., 5.], [10., 10., 5.]), 500.);
+    // An edge on a diagonal of a wall, and one that goes through edges.
+    let diamond = turned(&cube([-5.; 3]), [0., 0., std::f64::consts::FRAC_PI_4]);
+    check(&cube([-5.; 3]), &diamond, 10. * 200. * (2f64.sqrt() - 1.0) * 1.0);
+}
+
+#[test]
+fn what_is_flush_leaves_no_film_and_becomes_one() {
+    let joined = made(&cube([0.; 3]), &cube([10., 0., 0.]), Operation::Union).1;
+    assert_eq!(joined.bounds(), Some((Point3::origin(), Point3::new(20., 10., 10.))));
+    let least =
+        joined.faces().iter().map(|face| joined.area_vector(face).norm()).fold(99., f64::min);
+    assert!(least > 1.0, "{least}");
+    let slot = cuboid([2., 2., 5.], [3., 3., 5.]);
+    let open = made(&cube([0.; 3]), &slot, Operation::Difference).1;
+    assert_eq!(
+        (open.positions().len(), open.edges().faces.len()),
+        (16, 16 + open.faces().len() - 2)
+    );
+}
+
+#[test]
+fn balls_of_many_sizes_and_places() {
+    let first = ball([0.; 3], 10.0, 12);
+    for (k, middle) in
+        [[9., 2., 1.], [0.001, 0., 0.], [0., 0., 0.], [19.9, 0., 0.], [30., 0., 0.], [0., 0., 10.]]
+            .into_iter()
+            .enumerate()
+    {
+        for radius in [10.0, 4.0, 9.99] {
+            let second = ball(middle, radius, 9 + k as u32);
+            let common = made(&first, &second, Operation::Intersection).0;
+            assert!(common >= -1e-9 && common <= size(&second).min(size(&first)) * 1.0000001);
+            check(&first, &second, common);
+        }
+    }
+}
+
+#[test]
+fn random_solids_that_share_corners_of_a_coarse_grid() {
+    // Everything lies on whole numbers, so that nearly all pairs have edges and walls in common.
+    let mut state = 7u32;
+    let mut next = |below: u32| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from((state >> 16) % below)
+    };
+    for _ in 0..300 {
+        let mut solid = || {
+            let low = [next(4), next(4), next(4)];
+            let size = [1.0 + next(3), 1.0 + next(3), 1.0 + next(3)];
+            (cuboid(low, size), low, size)
+        };
+        let [(a, low, size_a), (b, other, size_b)] = [solid(), solid()];
+        let common = [0, 1, 2].map(|k| {
+            let high = (low[k] + size_a[k]).min(other[k] + size_b[k]);
+            f64::max(high - low[k].max(other[k]), 0.0)
+        });
+        check(&a, &b, common.iter().product());
+        // What came out of one goes into the next.
+        let (c, ..) = solid();
+        let union = made(&a, &b, Operation::Union).1;
+        let with = made(&union, &c, Operation::Intersection).0;
+        check(&union, &c, with);
+    }
+}
+
+#[test]
+fn what_comes_out_does_not_run_through_itself() {
+    let first = ball([0.; 3], 10.0, 10);
+    let second = turned(&cube([-7., -7., -7.]), [0.3, 0.2, 0.1]);
+    for how in [Operation::Union, Operation::Difference, Operation::Intersection] {
+        let made = made(&first, &second, how).1;
+        assert_eq!(crossings(&made, &Progress::none()).unwrap(), Vec::<[u32; 2]>::new());
+    }
+}
+
+#[test]
+fn faces_away_from_the_cut_stay_and_attributes_are_mixed() {
+    let heights = |mesh: &Mesh| Attribute::Number(mesh.positions().iter().map(|it| it.z).collect());
+    let corners = |mesh: &Mesh| {
+        let at = |&it: &u32| mesh.positions()[it as usize];
+        Attribute::Pair(mesh.faces().corners().iter().map(at).map(|it| [it.x, it.y]).collect())
+    };
+    let with = |mesh: Mesh, part: u32| {
+        let (heights, corners) = (heights(&mesh), corners(&mesh));
+        let parts = Attribute::Index(vec![part; mesh.faces().len()].into());
+        let mesh = mesh.with_vertex("height", heights).unwrap().with_corner("at", corners).unwrap();
+        mesh.with_face("part", parts).unwrap().with_creases([([0, 1], 3.0)]).unwrap()
+    };
+    let first = with(cube([0.; 3]), 1);
+    let second = with(cuboid([4., -1., 5.], [3., 3., 9.]), 2);
+    let union = made(&first, &second, Operation::Union).1;
+    assert_eq!(union.vertex().get("height"), Some(&heights(&union)));
+    let (Some(Attribute::Pair(found)), Attribute::Pair(wanted)) =
+        (union.corner().get("at"), corners(&union))
+    else {
+        panic!()
+    };
+    let off = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
+    assert!(found.iter().zip(wanted.iter()).map(off).fold(0., f64::max) < 1e-9);
+    let quads = union.faces().iter().filter(|face| face.len() == 4).count();
+    assert_eq!(quads, 4 + 2);
+    assert_eq!(Vec::from_iter(union.creases()), [([0, 1], 3.0), ([8, 9], 3.0)]);
+}
+
+#[test]
+fn what_is_no_solid_is_told() {
+    let told = |first: &Mesh, others: &[&Mesh]| {
+        boolean(first, others, Operation::Union, &Progress::none()).unwrap_err().to_string()
+    };
+    let solid = cube([0.; 3]);
+    let open = Faces::uniform(4, solid.faces().corners()[..20].to_vec()).unwrap();
+    let open = Mesh::new(solid.positions().clone(), open).unwrap();
+    assert_eq!(
+        told(&solid, &[&open]),
+        "`with` is not closed: 4 of its edges have not two faces; `Solid` closes it"
+    );
+    let mirrored = solid.positions().iter().map(|it| Point3::new(-it.x, it.y, it.z)).collect();
+    let mirrored = solid.with_positions(mirrored).unwrap();
+    assert_eq!(told(&mirrored, &[&solid]), "`mesh` is inside out: `Orient` turns it");
+    let twice = merge(&[&cube([2.; 3]), &cube([3.; 3])], Poses::Ignore).unwrap();
+    assert!(told(&solid, &[&solid, &twice]).starts_with("mesh 2 of `with` runs through itself"));
+    let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
+    assert_eq!(made(&solid, &empty, Operation::Union).0, 1000.0);
+    assert_eq!(made(&solid, &empty, Operation::Intersection).0, 0.0);
+}
+
+#[test]
+fn the_same_for_any_number_of_threads() {
+    let [first, second] = [ball([0.; 3], 10.0, 30), ball([3., 1., 2.], 9.0, 30)];
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| made(&first, &second, Operation::Difference).1)
+    };
+    assert_eq!(of(1), of(8));
+}
