@@ -5,10 +5,12 @@ use maquette::{
     Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want,
 };
 use maquette_mesh::{MergeError, Poses, merge};
+use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::combine::{BooleanError, Operation, boolean};
 use crate::crossings::crossings;
 use crate::lend::lend;
 use crate::volume::volume;
@@ -21,7 +23,8 @@ mod depth;
 ///
 /// The skin stays as it is. The skin of the cavity is made on a grid, so that it nowhere runs through itself, and where the solid is
 /// too thin there is none; where it is just thick enough, thin sheets may part two cavities. What lies on the skin lies on the nearest
-/// place of the cavity, too. A cavity that nothing leads out of keeps its resin or powder.
+/// place of the cavity, too. A cavity that nothing
+/// leads out of keeps its resin or powder: `outlets` are drilled through the wall.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.
@@ -34,6 +37,25 @@ pub struct Hollow {
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub spacing: f64,
+    /// Holes through the wall, through which resin or powder leaves the cavity; a second one lets air in.
+    #[serde(default)]
+    pub outlets: Vec<Outlet>,
+}
+
+/// A round hole from the skin to the cavity.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Outlet {
+    /// Where: it begins where the skin is nearest to this place, and runs the shortest way to the cavity.
+    #[schemars(extend("unit" = "mm"))]
+    pub at: [f64; 3],
+    /// How wide it is.
+    #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+    #[serde(default = "three")]
+    pub diameter: f64,
+}
+
+fn three() -> f64 {
+    3.0
 }
 
 fn two() -> f64 {
@@ -73,6 +95,19 @@ pub enum HollowError {
     /// A side that is none.
     #[error("the mesh is inside out: `Orient` turns it")]
     InsideOut,
+    /// A hole that is none.
+    #[error("outlet {number} has the diameter {diameter} at ({}, {}, {}), but must have finite numbers, and a diameter above 0", at[0], at[1], at[2])]
+    Outlet {
+        /// Which one, from 1.
+        number: usize,
+        /// Its diameter.
+        diameter: f64,
+        /// Its place.
+        at: [f64; 3],
+    },
+    /// A hole that cannot be cut.
+    #[error(transparent)]
+    Boolean(#[from] BooleanError),
     /// More cells than memory should hold.
     #[error(transparent)]
     TooMuch(#[from] TooMuch),
@@ -105,11 +140,16 @@ impl Node for Hollow {
         Promise::from("mesh", "NonEmpty", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::each(
+        "mesh",
+        "mesh",
+        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+    )];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let hollow = hollow(mesh, self.thickness, self.spacing, cx.progress())?;
+        let how = (self.thickness, self.spacing);
+        let hollow = hollow(mesh, how, &self.outlets, cx.progress())?;
         if hollow.faces().len() == mesh.faces().len() {
             cx.warn(format!("the solid stays whole: nowhere is it thick enough for a cavity behind walls of {} mm", self.thickness));
         }
@@ -128,12 +168,18 @@ impl Node for Hollow {
 /// If the mesh is no solid, a parameter is out of range, there would be too many cells, or the evaluation is told to stop.
 pub fn hollow(
     mesh: &Mesh,
-    thickness: f64,
-    spacing: f64,
+    (thickness, spacing): (f64, f64),
+    outlets: &[Outlet],
     progress: &Progress<'_>,
 ) -> Result<Mesh, HollowError> {
     if !(thickness > 0.0 && thickness.is_finite()) {
         return Err(HollowError::Thickness(thickness));
+    }
+    for (number, &Outlet { at, diameter }) in (1..).zip(outlets) {
+        let is_one = diameter > 0.0 && diameter.is_finite() && at.iter().all(|x| x.is_finite());
+        if !is_one {
+            return Err(HollowError::Outlet { number, diameter, at });
+        }
     }
     let most = thickness / 2.0;
     if !(0.0..=most).contains(&spacing) {
@@ -163,7 +209,58 @@ pub fn hollow(
     }
     let cavity = Mesh::new(points, Faces::triangles(triangles))?;
     let cavity = lend(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
-    Ok(merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?)
+    let hollow = merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?;
+    if outlets.is_empty() {
+        return Ok(hollow);
+    }
+    let inner = TriangleTree::new(&cavity);
+    let drills: Vec<Mesh> = outlets
+        .iter()
+        .map(|outlet| {
+            let drill = drill((mesh, &tree), (&cavity, &inner), outlet)?;
+            Ok(lend(mesh, &tree, drill)?.with_frame(mesh.frame().copied()))
+        })
+        .collect::<Result<_, MeshError>>()?;
+    let drills = Vec::from_iter(&drills);
+    Ok(boolean(&hollow, &drills, Operation::Difference, progress)?)
+}
+
+/// Sides of a drill.
+const SIDES: u32 = 32;
+
+/// What an outlet takes away: a prism through the wall.
+fn drill(
+    skin: (&Mesh, &TriangleTree),
+    cavity: (&Mesh, &TriangleTree),
+    outlet: &Outlet,
+) -> Result<Mesh, MeshError> {
+    let nearest = |(mesh, tree): (&Mesh, &TriangleTree), at: Point3<f64>| {
+        tree.nearest_to_all(&[at])[0].map_or(at, |place| {
+            let corners = place.corners(mesh).map(|it| mesh.faces().corners()[it] as usize);
+            let parts = corners.map(|it| mesh.positions()[it]).into_iter().zip(place.shares);
+            parts.fold(Point3::origin(), |sum, (at, share)| sum + at.coords * share)
+        })
+    };
+    let start = nearest(skin, outlet.at.into());
+    let end = nearest(cavity, start);
+    let axis = (end - start).try_normalize(0.0).unwrap_or(Vector3::z());
+    let across = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+    let other = axis.cross(&across);
+    // As far beyond both as it is wide, so that it is through where the skins are bent.
+    let ends = [start - axis * outlet.diameter, end + axis * outlet.diameter];
+    let radius = outlet.diameter / 2.0;
+    let corner = |k: u32| {
+        let turn = std::f64::consts::TAU * f64::from(k) / f64::from(SIDES);
+        (across * libm::cos(turn) + other * libm::sin(turn)) * radius
+    };
+    let places = ends.iter().flat_map(|end| (0..SIDES).map(move |k| end + corner(k)));
+    let sides = (0..SIDES).flat_map(|k| {
+        let next = (k + 1) % SIDES;
+        [k, next, SIDES + next, SIDES + k]
+    });
+    let lids = (0..SIDES).rev().chain(SIDES..2 * SIDES);
+    let counts = Vec::from_iter((0..SIDES).map(|_| 4).chain([SIDES as usize; 2]));
+    Mesh::new(Vec::from_iter(places), Faces::polygons(&counts, sides.chain(lids).collect())?)
 }
 
 #[cfg(test)]

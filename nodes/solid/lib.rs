@@ -4,6 +4,7 @@ use maquette::Pack;
 
 mod boolean;
 mod boxes;
+mod combine;
 mod crossings;
 mod hollow;
 mod lend;
@@ -11,8 +12,9 @@ mod polygons;
 mod solid;
 mod volume;
 
-pub use boolean::{Boolean, BooleanError, Operation, boolean};
-pub use hollow::{Hollow, HollowError, hollow};
+pub use boolean::Boolean;
+pub use combine::{BooleanError, Operation, boolean};
+pub use hollow::{Hollow, HollowError, Outlet, hollow};
 pub use solid::{Base, Holes, Solid, SolidError, solid};
 
 maquette::nodes_of_this_build!();

@@ -17,6 +17,7 @@ mod nothing_is_lost;
 mod page;
 mod pictures;
 mod preview;
+mod real_scans;
 mod remote;
 mod reuse;
 mod sequences;

@@ -27,7 +27,7 @@ fn is_solid(mesh: &Mesh) -> bool {
 fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     for (thickness, spacing) in [(2.0, 0.0), (2.0, 0.5), (3.0, 1.5)] {
-        let hollow = hollow(&solid, thickness, spacing, &Progress::none()).unwrap();
+        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::none()).unwrap();
         assert!(is_solid(&hollow));
         assert_eq!(crossings(&hollow, &Progress::none()).unwrap(), Vec::<[u32; 2]>::new());
         let inner = [20.0, 16.0, 12.0].iter().map(|size| size - 2.0 * thickness).product::<f64>();
@@ -44,9 +44,9 @@ fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
 #[test]
 fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_sides() {
     let plate = cuboid([20.0, 16.0, 3.9]);
-    assert_eq!(hollow(&plate, 2.0, 0.0, &Progress::none()).unwrap(), plate);
-    let once = hollow(&cuboid([24.0; 3]), 8.0, 2.0, &Progress::none()).unwrap();
-    let twice = hollow(&once, 1.0, 0.5, &Progress::none()).unwrap();
+    assert_eq!(hollow(&plate, (2.0, 0.0), &[], &Progress::none()).unwrap(), plate);
+    let once = hollow(&cuboid([24.0; 3]), (8.0, 2.0), &[], &Progress::none()).unwrap();
+    let twice = hollow(&once, (1.0, 0.5), &[], &Progress::none()).unwrap();
     assert!(is_solid(&twice) && volume(&twice) < volume(&once));
     let middle = Point3::new(12.0, 12.0, 12.0);
     let nearest = TriangleTree::new(&twice).nearest_to_all(&[middle])[0].unwrap();
@@ -59,7 +59,7 @@ fn the_cavity_has_what_lies_on_the_skin() {
     let colors = Attribute::Color((0..8).map(|k| [k, 0, 0]).collect());
     let parts = Attribute::Index((0..6).collect());
     let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
-    let hollow = hollow(&solid, 2.0, 0.0, &Progress::none()).unwrap();
+    let hollow = hollow(&solid, (2.0, 0.0), &[], &Progress::none()).unwrap();
     let colors = hollow.vertex().colors("color").unwrap();
     assert!((0..8).all(|k| colors[8..].contains(&[k, 0, 0])));
     let Some(Attribute::Index(parts)) = hollow.face().get("part") else { panic!("no parts") };
@@ -71,7 +71,7 @@ fn it_is_the_same_for_any_number_of_threads() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     let hollow = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| hollow(&solid, 2.0, 0.0, &Progress::none()).unwrap())
+        pool.install(|| hollow(&solid, (2.0, 0.0), &[], &Progress::none()).unwrap())
     };
     assert_eq!(hollow(1), hollow(3));
 }
@@ -80,7 +80,7 @@ fn it_is_the_same_for_any_number_of_threads() {
 fn what_cannot_be_hollow_is_told_why() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     let told = |mesh: &Mesh, thickness, spacing| {
-        hollow(mesh, thickness, spacing, &Progress::none()).unwrap_err().to_string()
+        hollow(mesh, (thickness, spacing), &[], &Progress::none()).unwrap_err().to_string()
     };
     assert_eq!(told(&solid, f64::NAN, 0.0), "`thickness` is NaN, but must be a number above 0");
     assert_eq!(
@@ -98,5 +98,32 @@ fn what_cannot_be_hollow_is_told_why() {
     let mirrored = solid.with_positions(mirrored).unwrap();
     assert_eq!(told(&mirrored, 2.0, 0.0), "the mesh is inside out: `Orient` turns it");
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
-    assert_eq!(hollow(&empty, 2.0, 0.0, &Progress::none()).unwrap(), empty);
+    assert_eq!(hollow(&empty, (2.0, 0.0), &[], &Progress::none()).unwrap(), empty);
+}
+
+#[test]
+fn outlets_lead_through_the_wall() {
+    let solid = cuboid([20.0, 16.0, 12.0]);
+    let with = |outlets: &[Outlet]| hollow(&solid, (2.0, 0.0), outlets, &Progress::none());
+    let closed = with(&[]).unwrap();
+    let below = Outlet { at: [10.0, 8.0, -30.0], diameter: 3.0 };
+    let above = Outlet { at: [6.0, 8.0, 13.0], diameter: 2.0 };
+    for (outlets, euler) in [(&[][..], 4), (&[below], 2), (&[below, above], 0)] {
+        let open = with(outlets).unwrap();
+        assert!(is_solid(&open));
+        let edges = open.edges().faces.len();
+        assert_eq!(open.positions().len() + open.faces().len(), edges + euler);
+        // A prism of 32 sides, as high as the wall is thick.
+        let area =
+            |it: &Outlet| it.diameter * it.diameter * 4.0 * libm::sin(std::f64::consts::TAU / 32.0);
+        let drilled: f64 = outlets.iter().map(|it| 2.0 * area(it)).sum();
+        let found = volume(&closed) - volume(&open);
+        assert!((found - drilled).abs() < 1e-3 * drilled.max(1e-6), "{found} {drilled}");
+    }
+    let told = |outlet: Outlet| with(&[below, outlet]).unwrap_err().to_string();
+    assert_eq!(
+        told(Outlet { diameter: 0.0, ..above }),
+        "outlet 2 has the diameter 0 at (6, 8, 13), but must have finite numbers, and a diameter above 0"
+    );
+    assert!(told(Outlet { at: [f64::NAN, 0.0, 0.0], ..above }).starts_with("outlet 2 has"));
 }

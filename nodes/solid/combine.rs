@@ -1,0 +1,148 @@
+//! What solids make of each other.
+
+use maquette::value::{Mesh, MeshError};
+use maquette::{Cancelled, Progress};
+use maquette_mesh::{MergeError, Poses, merge};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::volume::volume;
+use cut::Cut;
+use meet::{NoSolid, Pair};
+
+mod cut;
+mod exact;
+mod meet;
+mod weld;
+
+/// What becomes of solids.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Operation {
+    /// What is in any of them.
+    #[default]
+    Union,
+    /// What is in the first one, and not in the others.
+    Difference,
+    /// What is in all of them.
+    Intersection,
+}
+
+/// Why solids make no other one.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum BooleanError {
+    /// A mesh with a border.
+    #[error("{mesh} is not closed: {count} of its edges have not two faces; `Solid` closes it")]
+    Open {
+        /// Which mesh.
+        mesh: String,
+        /// How many edges.
+        count: usize,
+    },
+    /// A side that is none.
+    #[error("{mesh} is inside out: `Orient` turns it")]
+    InsideOut {
+        /// Which mesh.
+        mesh: String,
+    },
+    /// A mesh that crosses itself.
+    #[error("{mesh} runs through itself, or one of its parts lies in another one: seen from ({:.3}, {:.3}, {:.3}) it has no inside; `Reconstruct` makes one skin of it", at[0], at[1], at[2])]
+    Crossing {
+        /// Which mesh.
+        mesh: String,
+        /// Where.
+        at: [f64; 3],
+    },
+    /// Too much for a mesh.
+    #[error(transparent)]
+    Merge(#[from] MergeError),
+    /// Too much for a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// What [`Operation`] makes of a solid and others.
+///
+/// Which edge goes through which triangle is decided on a grid of 2^30 cells along the longest side, exactly, and without ties, since the other
+/// solid grows by infinitely little, or shrinks for an intersection (Edelsbrunner and Mucke, "Simulation of simplicity", 1990). Both skins meet
+/// in closed lines, therefore; what these leave of a triangle is triangulated with all of its corners, and nothing has to be sewn together.
+/// Only the places of meetings are rounded: faces next to the cut may be thin, or overlap by some 1e-9 of the size. Cost grows with n log n, and
+/// of a face that is cut with the square of its pieces.
+///
+/// # Errors
+/// If a mesh is no solid, the result is too large, or the evaluation is told to stop.
+pub fn boolean(
+    mesh: &Mesh,
+    others: &[&Mesh],
+    how: Operation,
+    progress: &Progress<'_>,
+) -> Result<Mesh, BooleanError> {
+    let name = |number: usize| match (number, others.len()) {
+        (0, _) => "`mesh`".to_owned(),
+        (1, 1) => "`with`".to_owned(),
+        _ => format!("mesh {number} of `with`"),
+    };
+    for (number, mesh) in [mesh].iter().chain(others).enumerate() {
+        let edges = mesh.edges();
+        let count = edges.faces.iter().filter(|faces| **faces != 2).count();
+        if count > 0 {
+            return Err(BooleanError::Open { mesh: name(number), count });
+        }
+        if mesh.bounds().is_some_and(|(low, _)| volume(mesh, low) < 0.0) {
+            return Err(BooleanError::InsideOut { mesh: name(number) });
+        }
+    }
+    let mut made = mesh.clone();
+    for (number, other) in others.iter().enumerate() {
+        let [from, to] = [number, number + 1].map(|it| it as f64 / others.len() as f64);
+        let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
+        made = of_two.map_err(|why| match why {
+            NoSolid::Crossing(0, at) => {
+                BooleanError::Crossing { mesh: name(0), at: at.coords.into() }
+            }
+            NoSolid::Crossing(_, at) => {
+                BooleanError::Crossing { mesh: name(number + 1), at: at.coords.into() }
+            }
+            NoSolid::Merge(why) => why.into(),
+            NoSolid::Mesh(why) => why.into(),
+            NoSolid::Cancelled(why) => why.into(),
+        })?;
+    }
+    Ok(made)
+}
+
+fn of_two(
+    first: &Mesh,
+    second: &Mesh,
+    how: Operation,
+    progress: &Progress<'_>,
+) -> Result<Mesh, NoSolid> {
+    let both = merge(&[first, second], Poses::Ignore)?;
+    let counts = (first.positions().len(), first.faces().len());
+    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, NoSolid> {
+        let pair = Pair::new(&both, counts, grows);
+        let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
+        let inside = pair.inside(&meet)?;
+        progress.tick(0.7)?;
+        let cut = Cut::new(&pair, &meet, &inside, how);
+        progress.tick(0.9)?;
+        Ok(cut.mesh()?)
+    };
+    // Walls in one plane become one, or nothing. A solid that touches itself runs into itself where it grows, and shrinks instead.
+    let grows = how != Operation::Intersection;
+    match progress.part(0.0..0.9, |progress| made(grows, progress)) {
+        Err(why @ NoSolid::Crossing(..)) => {
+            match progress.part(0.9..1.0, |progress| made(!grows, progress)) {
+                Err(NoSolid::Crossing(..)) => Err(why),
+                made => made,
+            }
+        }
+        made => made,
+    }
+}
+
+#[cfg(test)]
+mod tests;

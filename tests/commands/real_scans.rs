@@ -1,0 +1,61 @@
+//! Graphs on scans of real things, from end to end: `tests/scans`.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::beside::beside;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scans");
+
+/// A project with a graph and the scans that it reads, each in a folder of its own.
+fn project(graph: &str, scans: &[(&str, &Path)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("maquette.toml"), "").unwrap();
+    std::fs::copy(Path::new(GRAPHS).join(graph), folder.path().join(graph)).unwrap();
+    for (name, from) in scans {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        for file in std::fs::read_dir(from).unwrap() {
+            let file = file.unwrap();
+            std::fs::copy(file.path(), folder.path().join(name).join(file.file_name())).unwrap();
+        }
+    }
+    folder
+}
+
+fn maquette(folder: &Path, words: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.args(words).current_dir(folder).env("NO_COLOR", "1");
+    let output = command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+/// What the graph expects is what is tested: where the second scan comes to lie, and that the solid can be printed.
+#[test]
+fn two_scans_of_a_bunny_become_a_solid() {
+    let Some(scans) = beside("data/real/stanford_bunny") else { return };
+    let folder = project("bunny.ron", &[("bunny", &scans)]);
+    maquette(folder.path(), &["run", "bunny.ron"]);
+    assert!(folder.path().join("out/bunny/solid.3mf").is_file());
+}
+
+/// One graph for three tables and sensors: only the files are others. Of the cells that have a place, most are table and wall.
+#[test]
+fn what_stands_on_a_table_is_isolated() {
+    let tables = ["ycb_pitcher", "ycb_bowl", "pcl_bottles"];
+    let found = tables.map(|name| beside(&format!("data/real/{name}")));
+    let [Some(pitcher), Some(bowl), Some(bottles)] = found else { return };
+    let scans: [(&str, &Path); 3] = [("pitcher", &pitcher), ("bowl", &bowl), ("bottles", &bottles)];
+    let folder = project("tabletop.ron", &scans);
+    for (name, cells) in [("pitcher", 31_845.0), ("bowl", 36_786.0), ("bottles", 38_657.0)] {
+        let files = [("color", "colour.png"), ("range", "range.pcd")]
+            .map(|(of, file)| format!("capture.{of}=\"{name}/{file}\""));
+        let [color, range] = &files;
+        let words = ["run", "tabletop.ron", "--out", name, "--set", color, "--set", range];
+        maquette(folder.path(), &words);
+        let told = maquette(folder.path(), &["inspect", &format!("{name}/model.glb"), "--json"]);
+        let told: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+        let vertices = told["outputs"][0]["facts"]["vertices"].as_f64().unwrap();
+        assert!(0.1 * cells < vertices && vertices < 0.45 * cells, "{name}: {vertices}");
+    }
+}
