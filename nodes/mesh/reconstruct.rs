@@ -33,7 +33,8 @@ mod tests;
 ///
 /// Noise is averaged away, gaps are bridged, and sources that overlap become one skin. Where normals are given, they say what is
 /// outside; range images know their sensor's side; elsewhere normals are estimated and turned outwards. The skin is manifold, its faces
-/// are evenly large. Vertices far from all points are flagged `filled`; colors are kept if all sources have some.
+/// are evenly large. Points and vertices with an attribute `confidence` count as much as it says, those without 1. Vertices far from all
+/// points are flagged `filled`; colors are kept if all sources have some.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Reconstruct {
     /// Points, range images, or meshes, of which the vertices and normals are taken.
@@ -384,12 +385,12 @@ impl Pieces {
         progress.tick(0.02)?;
         let given = options.spacing > 0.0;
         let mut edge = if given { options.spacing } else { PER_DISTANCE * distance };
-        let mut pyramid = Pyramid::new(&cloud.positions, cube(&cloud.positions, edge)?);
+        let mut pyramid = Pyramid::new(cloud, cube(&cloud.positions, edge)?);
         progress.tick(0.06)?;
         let (mut flat, mut noise) = pyramid.flat_depth();
         if !given && PER_NOISE * noise > 1.1 * edge {
             edge = PER_NOISE * noise;
-            pyramid = Pyramid::new(&cloud.positions, cube(&cloud.positions, edge)?);
+            pyramid = Pyramid::new(cloud, cube(&cloud.positions, edge)?);
             (flat, noise) = pyramid.flat_depth();
         }
         let mut surfels =

@@ -1,6 +1,6 @@
 //! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
 
-use maquette::value::{Attributes, Column, Mesh, Points, RangeImage, Rgb};
+use maquette::value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use crate::painted_colors::painted_colors;
@@ -16,7 +16,15 @@ pub(super) struct Cloud {
     pub(super) views: Vec<Vector3<f64>>,
     /// One for each point, if all sources have colors.
     pub(super) colors: Option<Vec<Rgb>>,
+    /// How much each point counts, 1 on the mean; empty if all count the same.
+    pub(super) weights: Vec<f64>,
 }
+
+/// The attribute of points that says how much each counts.
+const CONFIDENCE: &str = "confidence";
+
+/// A point counts at least so much, as a share of one that counts 1: a mean needs a weight.
+const LEAST: f64 = 1e-6;
 
 impl Cloud {
     /// The points of all sources, moved by their poses where there are some. Normals are left out without `normals`.
@@ -40,10 +48,33 @@ impl Cloud {
                 turned.for_each(|x| *x = pose.transform_vector(x));
             }
         }
+        cloud.weigh(sources);
         if !normals {
             cloud.normals.fill(Vector3::zeros());
         }
         cloud
+    }
+
+    /// Takes the weights of points from sources that have some. Points of the others count 1.
+    fn weigh(&mut self, sources: &[Scattered]) {
+        let is_weighed = |source: &Scattered| match source {
+            Scattered::RangeImage(_) => false,
+            Scattered::Points(points) => confidence(points.attributes()).is_some(),
+            Scattered::Mesh(mesh) => confidence(mesh.vertex()).is_some(),
+        };
+        if !sources.iter().any(is_weighed) {
+            return;
+        }
+        for source in sources {
+            let own = match source {
+                Scattered::RangeImage(range) => vec![1.0; range.n_valid()],
+                Scattered::Points(points) => weights(points.attributes(), points.positions().len()),
+                Scattered::Mesh(mesh) => weights(mesh.vertex(), mesh.positions().len()),
+            };
+            self.weights.extend(own);
+        }
+        let mean = self.weights.iter().sum::<f64>() / self.weights.len().max(1) as f64;
+        self.weights.iter_mut().for_each(|weight| *weight = (*weight / mean).max(LEAST));
     }
 
     fn add_points(&mut self, points: &Points) -> Option<Vec<Rgb>> {
@@ -98,6 +129,18 @@ fn towards_sensor(point: &Point3<f64>, depth: f64) -> Vector3<f64> {
     } else {
         -Vector3::z()
     }
+}
+
+fn confidence(attributes: &Attributes) -> Option<&Column<f64>> {
+    match attributes.get(CONFIDENCE) {
+        Some(Attribute::Number(weights)) => Some(weights),
+        _ => None,
+    }
+}
+
+fn weights(attributes: &Attributes, count: usize) -> Vec<f64> {
+    let weight = |it: &f64| if it.is_finite() { it.max(LEAST) } else { LEAST };
+    confidence(attributes).map_or_else(|| vec![1.0; count], |own| own.iter().map(weight).collect())
 }
 
 fn colors(attributes: &Attributes) -> Option<Vec<Rgb>> {

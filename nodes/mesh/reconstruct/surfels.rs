@@ -80,7 +80,8 @@ fn place_of(key: u64) -> [u16; 3] {
 }
 
 impl Pyramid {
-    pub(super) fn new(positions: &[Point3<f64>], cube: Cube) -> Self {
+    pub(super) fn new(cloud: &Cloud, cube: Cube) -> Self {
+        let positions = &cloud.positions;
         let keys = by_cell(positions, &cube);
         let mut starts: Vec<u32> = (0..keys.len() as u32)
             .filter(|&at| at == 0 || keys[at as usize].0 != keys[at as usize - 1].0)
@@ -91,8 +92,9 @@ impl Pyramid {
         let sums = |of_cell: &[u32]| {
             let mut moments = Moments::default();
             for &point in &order[of_cell[0] as usize..of_cell[1] as usize] {
-                moments
-                    .add(&Moments::of(cube.in_cells(&positions[point as usize], cube.depth)), 1.0);
+                let weight = cloud.weights.get(point as usize).copied().unwrap_or(1.0);
+                let at = cube.in_cells(&positions[point as usize], cube.depth);
+                moments.add(&Moments::of(at), weight);
             }
             moments
         };

@@ -317,3 +317,29 @@ fn the_skin_of_any_function_is_manifold() {
         assert_eq!(topology(&mesh.unwrap()).1, 0);
     }
 }
+
+#[test]
+fn points_count_as_much_as_they_are_sure() {
+    // A good scan of a ball, and one that is too large by 2 mm.
+    let good = sphere(20_000, 0.0);
+    let wrong = sphere(20_000, 0.0).into_iter().map(|it| Point3::from(it.coords * 1.04));
+    let both = [good, wrong.collect()].concat();
+    let options = Options { spacing: 4.0, ..Options::default() };
+    let radius = |weights: Option<[f64; 2]>| {
+        let mut points = Points::new(both.clone()).unwrap();
+        if let Some(weights) = weights {
+            let column = weights.iter().flat_map(|&weight| vec![weight; 20_000]).collect();
+            points = points.with_attribute("confidence", Attribute::Number(column)).unwrap();
+        }
+        let sources = [Scattered::Points(points)];
+        let skin = reconstruct(&sources, Poses::Ignore, &options, &Progress::none()).unwrap();
+        let radii = skin.positions().iter().map(|it| it.coords.norm());
+        radii.sum::<f64>() / skin.positions().len() as f64
+    };
+    let [even, first, second, odd] =
+        [None, Some([1.0, 0.01]), Some([0.02, 2.0]), Some([f64::NAN, 1.0])].map(radius);
+    assert!((even - 51.0).abs() < 0.2, "{even}");
+    assert!((first - 50.0).abs() < 0.2, "{first}");
+    assert!((second - 52.0).abs() < 0.2 && (odd - 52.0).abs() < 0.2, "{second} {odd}");
+    assert_eq!(radius(Some([3.0; 2])), even);
+}
