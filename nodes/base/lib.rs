@@ -2,4 +2,5 @@
 
 pub mod limits;
 pub mod linear;
+pub mod solid_angle;
 pub mod topology;

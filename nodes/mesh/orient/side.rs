@@ -2,6 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::Mesh;
+use maquette_base::solid_angle::half_solid_angle;
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};
 
@@ -75,20 +76,10 @@ fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
 
 /// How often faces wind around a place: the sum of the solid angles in which it sees them, in whole spheres, without that of the face that
 /// the place is on.
-///
-/// Van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
 fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 {
     let others = faces.iter().filter(|face| Some(**face) != on);
     let triangles = others.flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
-    let halves = triangles.map(|corners| {
-        let [a, b, c] = corners.map(|corner| corner - at);
-        let lengths = [a.norm(), b.norm(), c.norm()];
-        let below = lengths[0] * lengths[1] * lengths[2]
-            + a.dot(&b) * lengths[2]
-            + b.dot(&c) * lengths[0]
-            + c.dot(&a) * lengths[1];
-        libm::atan2(a.dot(&b.cross(&c)), below)
-    });
+    let halves = triangles.map(|corners| half_solid_angle(corners, &at));
     halves.sum::<f64>() / std::f64::consts::TAU
 }
 

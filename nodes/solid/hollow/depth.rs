@@ -3,6 +3,7 @@
 use maquette::parallel::*;
 use maquette::value::{Mesh, TriangleTree};
 use maquette::{Cancelled, Limit, Progress, TooMuch};
+use maquette_base::solid_angle::half_solid_angle;
 use nalgebra::{Point3, Vector3};
 
 /// Some seconds, and half a gigabyte.
@@ -164,21 +165,13 @@ impl Depth {
     }
 }
 
-/// How often a mesh winds around a place: Van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
+/// How often a mesh winds around a place: the sum of the solid angles in which it is seen, in whole spheres.
 fn winding(mesh: &Mesh, at: Point3<f64>) -> f64 {
     let half = |face: usize| -> f64 {
         let face = mesh.faces().face(face);
-        let of_triangle = |pair: &[u32]| {
-            let [a, b, c] =
-                [face[0], pair[0], pair[1]].map(|vertex| mesh.positions()[vertex as usize] - at);
-            let lengths = [a.norm(), b.norm(), c.norm()];
-            let below = lengths[0] * lengths[1] * lengths[2]
-                + a.dot(&b) * lengths[2]
-                + b.dot(&c) * lengths[0]
-                + c.dot(&a) * lengths[1];
-            libm::atan2(a.dot(&b.cross(&c)), below)
-        };
-        face[1..].windows(2).map(of_triangle).sum()
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        let fan = face[1..].windows(2).map(|pair| [face[0], pair[0], pair[1]].map(place));
+        fan.map(|corners| half_solid_angle(corners, &at)).sum()
     };
     let halves: Vec<f64> = (0..mesh.faces().len()).into_par_iter().map(half).collect();
     halves.iter().sum::<f64>() / std::f64::consts::TAU
