@@ -14,8 +14,8 @@ fn project(graph: &str, scans: &[(&str, &Path)]) -> tempfile::TempDir {
     std::fs::copy(Path::new(GRAPHS).join(graph), folder.path().join(graph)).unwrap();
     for (name, from) in scans {
         std::fs::create_dir(folder.path().join(name)).unwrap();
-        for file in std::fs::read_dir(from).unwrap() {
-            let file = file.unwrap();
+        let files = std::fs::read_dir(from).unwrap().map(|file| file.unwrap());
+        for file in files.filter(|file| file.path().is_file()) {
             std::fs::copy(file.path(), folder.path().join(name).join(file.file_name())).unwrap();
         }
     }
@@ -58,4 +58,17 @@ fn what_stands_on_a_table_is_isolated() {
         let vertices = told["outputs"][0]["facts"]["vertices"].as_f64().unwrap();
         assert!(0.1 * cells < vertices && vertices < 0.45 * cells, "{name}: {vertices}");
     }
+}
+
+/// What was seen lies on the doll, and the whole can be printed; the files are textured.
+#[test]
+fn two_captures_of_a_doll_become_a_textured_solid() {
+    let Some(doll) = beside("data/doll") else { return };
+    let [front, left] = ["front", "left"].map(|side| doll.join(side));
+    let scans: [(&str, &Path); 3] = [("front", &front), ("left", &left), ("doll", &doll)];
+    let folder = project("two_captures.ron", &scans);
+    maquette(folder.path(), &["run", "two_captures.ron"]);
+    let told = maquette(folder.path(), &["inspect", "out/two_captures/model.glb", "--json"]);
+    assert!(String::from_utf8_lossy(&told.stdout).contains("1024 x 1024"));
+    assert!(folder.path().join("out/two_captures/model.3mf").is_file());
 }
