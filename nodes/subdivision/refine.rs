@@ -1,6 +1,5 @@
 //! Refinement: steps of the schemes, planned once for a topology and applied to any positions and attributes.
 
-pub(super) mod carry;
 pub(super) mod connectivity;
 pub(super) mod doo_sabin;
 pub(super) mod dual_halves;

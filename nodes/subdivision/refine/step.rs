@@ -8,7 +8,6 @@ use maquette::value::{Attribute, Encoder, Faces, Mesh, MeshError};
 use maquette::{Error, Memo};
 use nalgebra::Point3;
 
-use super::carry::Carry;
 use super::doo_sabin::Dual;
 use super::level::Level;
 use super::primal::Primal;
@@ -16,6 +15,7 @@ use super::topology::Topology;
 use crate::SubdivideError;
 use crate::limit::finer_dual_limit::FinerDualLimit;
 use crate::limit::finer_limit::FinerLimit;
+use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 
 /// One step of a subdivision.

@@ -6,7 +6,7 @@ use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
 use super::quadric::Quadric;
-use crate::refine::carry::Carry;
+use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 
 /// Weight of the planes that hold borders and creases, beside those of faces.

@@ -1,11 +1,11 @@
-//! How data on the elements of a mesh become data on the elements of a refined mesh.
+//! How data on the elements of a mesh become data on the elements of another one that is made of it.
 
 use maquette::value::Attribute;
 
-use maquette_base::linear::mix::Mix;
+use super::mix::Mix;
 
 /// A way from old elements to new ones, the same for every type of data.
-pub(crate) trait Carry {
+pub trait Carry {
     /// The data of the new elements.
     fn column<T: Mix>(&self, old: &[T]) -> Vec<T>;
 
