@@ -6,16 +6,18 @@ mod remesh;
 mod remesh_error;
 #[cfg(test)]
 mod shapes;
+mod smooth;
 
 pub use remesh::{Remesh, remesh};
 pub use remesh_error::RemeshError;
+pub use smooth::{Smooth, SmoothError, smooth};
 
 maquette::nodes_of_this_build!();
 
 /// Nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
-    nodes: &[node::<Remesh>()],
+    nodes: &[node::<Remesh>(), node::<Smooth>()],
     values: &[],
     formats: &[],
     readers: &[],
