@@ -4,12 +4,14 @@ use maquette::Pack;
 
 mod remesh;
 mod remesh_error;
+mod remove_outliers;
 #[cfg(test)]
 mod shapes;
 mod smooth;
 
 pub use remesh::{Remesh, remesh};
 pub use remesh_error::RemeshError;
+pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
 pub use smooth::{Smooth, SmoothError, smooth};
 
 maquette::nodes_of_this_build!();
@@ -17,7 +19,7 @@ maquette::nodes_of_this_build!();
 /// Nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
-    nodes: &[node::<Remesh>(), node::<Smooth>()],
+    nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>()],
     values: &[],
     formats: &[],
     readers: &[],

@@ -31,7 +31,7 @@ pub struct Remesh {
     #[serde(default)]
     pub length: f64,
     /// Edges whose faces meet at a larger angle are kept; 180 keeps borders and creases alone. Less finds edges in noise.
-    #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "degrees"))]
+    #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
     #[serde(default = "forty")]
     pub angle: f64,
 }
