@@ -2,6 +2,7 @@
 
 use maquette::Pack;
 
+mod flying_pixels;
 mod remesh;
 mod remesh_error;
 mod remove_outliers;
@@ -9,6 +10,7 @@ mod remove_outliers;
 mod shapes;
 mod smooth;
 
+pub use flying_pixels::{FlyingPixels, FlyingPixelsError, flying_pixels};
 pub use remesh::{Remesh, remesh};
 pub use remesh_error::RemeshError;
 pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
@@ -19,7 +21,7 @@ maquette::nodes_of_this_build!();
 /// Nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
-    nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>()],
+    nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>(), node::<FlyingPixels>()],
     values: &[],
     formats: &[],
     readers: &[],
