@@ -56,7 +56,7 @@ pub use mask::Mask;
 pub use memo::Memo;
 pub(crate) use memo::hash_of_memo;
 pub(crate) use mesh::bounds;
-pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree};
+pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree, to_triangle};
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
 pub use points::{Points, PointsError};

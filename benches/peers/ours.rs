@@ -18,6 +18,7 @@ use maquette::value::{
     Rgb, Surface,
 };
 use maquette_nodes::align::{By, align};
+use maquette_nodes::clean::{Outliers, outliers, remesh};
 use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
@@ -29,7 +30,7 @@ use maquette_nodes::scan::Scan;
 use maquette_nodes::solid::{Operation, boolean};
 use maquette_nodes::subdivision::{
     Boundary, Corners, Creases, InterpolateOptions, Plan, Scattered, Scheme, Subdivision,
-    interpolate, subdivide,
+    interpolate, simplify, subdivide,
 };
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -80,6 +81,26 @@ fn repeat(work: &str, folder: &Path) {
         "reconstruct" => reconstructed(folder, "cloud", false),
         "reconstruct-normals" => reconstructed(folder, "cloud", true),
         "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),
+        "remesh" => {
+            let mesh = mesh(folder, "clean");
+            let run = || remesh(&mesh, EVEN_LENGTH, 40.0, &Progress::none()).expect("a surface");
+            serve(run, |mesh| mesh.faces().len() as f64);
+        }
+        "simplify" => coarse(&mesh(folder, "clean")),
+        "simplify-texture" => {
+            let (_, uv) = open::<[f64; 2]>(folder, "clean_uv");
+            let mesh = mesh(folder, "clean").with_corner("uv", Attribute::Pair(uv.into()));
+            coarse(&mesh.expect("one for each corner"));
+        }
+        "outliers" => {
+            let (_, places) = open::<[f64; 3]>(folder, "scattered");
+            let points = Points::new(Vec::from_iter(places.into_iter().map(Point3::from)));
+            let scan = Scan::Points(points.expect("finite places"));
+            let by = Outliers::Spread { neighbors: 20, ratio: 2.0 };
+            let run = || outliers(&scan, by, &Progress::none()).expect("points");
+            // The sum of the places of those that stay, so that they are the same ones.
+            serve(run, |apart| (0..apart.len()).filter(|&k| !apart[k]).map(|k| k as f64).sum());
+        }
         "read-pcd" => {
             let bytes = read(&folder.join("grid.pcd"));
             serve(|| pcd::read(&bytes).expect("a grid"), |range| range.n_valid() as f64);
@@ -101,6 +122,16 @@ fn repeat(work: &str, folder: &Path) {
         "interpolate-catmull-clark" => pass_through(folder, "int_quad", Scheme::CatmullClark),
         _ => println!("there is no work `{work}`"),
     }
+}
+
+/// How long edges become, in units of the mesh.
+const EVEN_LENGTH: f64 = 0.06;
+
+/// A tenth of the faces.
+fn coarse(mesh: &Mesh) {
+    let target = mesh.faces().len() / 10;
+    let run = || simplify(mesh, target, &Progress::none()).expect("a surface");
+    serve(run, |mesh| mesh.faces().len() as f64);
 }
 
 /// Does the work whenever a line comes in.

@@ -307,6 +307,56 @@ def meshlab_union():
     return Peer("MeshLab generate_boolean_union", run, lambda meshes: meshes.current_mesh().face_number())
 
 
+def meshlab(work, **options):
+    """A filter of MeshLab on the koala; the mesh is copied with the clock running, as ours makes a new one."""
+
+    def open_peer():
+        import pymeshlab
+
+        given = pymeshlab.MeshSet(verbose=False)
+        if "texture" in work:
+            given.load_new_mesh(str(DATA / "clean.obj"))
+        else:
+            given.add_mesh(pymeshlab.Mesh(load("clean_v"), load("clean_f")))
+        if "targetlen" in options:
+            options["targetlen"] = pymeshlab.PureValue(options["targetlen"])
+
+        def run():
+            meshes = pymeshlab.MeshSet(verbose=False)
+            meshes.add_mesh(given.current_mesh())
+            getattr(meshes, work)(**options)
+            return meshes
+
+        peer = Peer("MeshLab", run)
+        peer.note = lambda meshes: quality(meshes.current_mesh().vertex_matrix(), meshes.current_mesh().face_matrix())
+        return peer
+
+    return open_peer
+
+
+def quality(places, faces):
+    """How even triangles are: the mean and the least of their smallest angles, in degrees."""
+    import numpy
+
+    corners = places[faces]
+    angles = []
+    for k in range(3):
+        a, b = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
+        angles.append(numpy.degrees(numpy.arctan2(numpy.linalg.norm(numpy.cross(a, b), axis=1), (a * b).sum(1))))
+    least = numpy.min(angles, axis=0)
+    return f"{len(faces)} faces, smallest angles {least.mean():.1f} in the mean, {least.min():.1f} at least"
+
+
+def open3d_outliers():
+    import numpy
+    import open3d
+
+    points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(load("scattered")))
+    # It counts a point among its own neighbors.
+    run = lambda: points.remove_statistical_outlier(nb_neighbors=21, std_ratio=2.0)
+    return Peer(f"Open3D {open3d.__version__}", run, lambda result: float(numpy.sum(result[1])))
+
+
 def open3d_pcd():
     import open3d
 
@@ -501,6 +551,7 @@ def python_pipeline(nurbs, mesh):
 # ---------------------------------------------------------------- rows
 PIPELINE = [PROJECT / "target/release/maquette", "run", DATA / "pipeline.ron", "--threads", str(THREADS), "--no-cache", "--json", "--out", OUT]
 
+TENTH = {"targetperc": 0.1}
 ROWS = [
     Row("threshold, labels, statistics, 4096 x 4096", "segment", 45, [opencv_segment]),
     Row("edges by Sobel, 4096 x 4096", "edges", 25, [opencv_edges]),
@@ -527,6 +578,10 @@ ROWS = [
     Row("skin of 100 000 points, noise of 1 %", "reconstruct", 2000, [open3d_poisson("cloud", False), meshlab_poisson("cloud", False)]),
     Row("skin of 100 000 points and normals, 1 %", "reconstruct-normals", 2000, [open3d_poisson("cloud", True), meshlab_poisson("cloud", True)]),
     Row("skin of 100 000 points without noise", "reconstruct-clean", 2000, [open3d_poisson("cloud_clean", False), meshlab_poisson("cloud_clean", False)]),
+    Row("remesh 100 000 triangles to one length", "remesh", None, [meshlab("meshing_isotropic_explicit_remeshing", targetlen=0.06, featuredeg=40.0, iterations=10)]),
+    Row("simplify 100 000 triangles to a tenth", "simplify", None, [meshlab("meshing_decimation_quadric_edge_collapse", **TENTH)]),
+    Row("the same with a texture", "simplify-texture", None, [meshlab("meshing_decimation_quadric_edge_collapse_with_texture", **TENTH)]),
+    Row("outliers of 200 000 points", "outliers", None, [open3d_outliers]),
     Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
     Row("read PLY, 1 M triangles, binary", "read-ply", 25, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
     Row("write PLY, 1 M triangles, with normals", "write-ply", 25, [trimesh_ply(True), meshio_ply(True), open3d_ply(True)]),
@@ -545,6 +600,8 @@ def make_inputs():
         make_clouds()
     if not (DATA / "ball_v.npy").exists():
         make_balls()
+    if not (DATA / "clean_v.npy").exists():
+        make_rough()
     for name in ("bun000.ply", "bun045.ply"):
         (DATA / name).write_bytes((PEERS.parent / "data/real/stanford_bunny" / name).read_bytes())
     (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
@@ -589,6 +646,37 @@ def make_balls():
         ball.apply_transform(trimesh.transformations.rotation_matrix(turn, (1, 2, 3)))
         numpy.save(DATA / f"{name}_v.npy", ball.vertices + middle)
         numpy.save(DATA / f"{name}_f.npy", ball.faces.astype("u4"))
+
+
+def make_rough():
+    """The koala with a texture that is cut open along a plane, and points of a torus of which some fly around."""
+    import numpy
+    import trimesh
+
+    mesh = trimesh.load(PEERS.parent / "data/meshes/koala/koala.ply", process=False)
+    places, faces = numpy.asarray(mesh.vertices, float), numpy.asarray(mesh.faces)
+    numpy.save(DATA / "clean_v.npy", places)
+    numpy.save(DATA / "clean_f.npy", faces.astype("<u4"))
+    # From the front and from behind, each half beside the other in the picture.
+    low, size = places.min(0), numpy.ptp(places, axis=0).max()
+    flat = (places - low)[:, :2] / size / 2
+    is_front = places[faces].mean(1)[:, 2] > places[:, 2].mean()
+    numpy.save(DATA / "clean_uv.npy", flat[faces.ravel()] + numpy.repeat(is_front, 3)[:, None] * [0.5, 0.0])
+    # A peer takes textures from files alone, and only if there is a picture.
+    import cv2
+
+    cv2.imwrite(str(DATA / "clean.png"), numpy.full((4, 4, 3), 200, numpy.uint8))
+    (DATA / "clean.mtl").write_text("newmtl all\nmap_Kd clean.png\n")
+    uv, corners = numpy.unique(numpy.load(DATA / "clean_uv.npy"), axis=0, return_inverse=True)
+    lines = ["mtllib clean.mtl", "usemtl all"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in places.tolist()] + [f"vt {u!r} {v!r}" for u, v in uv.tolist()]
+    for face, texture in zip(faces + 1, corners.reshape(-1, 3) + 1):
+        lines.append("f " + " ".join(f"{vertex}/{place}" for vertex, place in zip(face, texture)))
+    (DATA / "clean.obj").write_text("\n".join(lines))
+    random, cloud = numpy.random.default_rng(2), numpy.load(DATA / "cloud.npy")
+    near = numpy.concatenate([cloud, cloud + random.normal(size=cloud.shape) * 0.1])
+    far = random.random((2000, 3)) * 200 - 100
+    numpy.save(DATA / "scattered.npy", numpy.concatenate([near, far]))
 
 
 def wavy(width, height):

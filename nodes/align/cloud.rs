@@ -9,7 +9,7 @@ use maquette_scan::Scan;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::align_error::AlignError;
-use super::tree::Tree;
+use maquette_base::tree::Tree;
 
 /// Points with normals.
 #[derive(Clone, Debug, Default)]

@@ -16,7 +16,6 @@ mod place;
 mod refine;
 #[cfg(test)]
 mod tests;
-mod tree;
 
 pub use align::{Align, By, align};
 pub use align_all::{AlignAll, Search, Turntable, align_all};

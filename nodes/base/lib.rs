@@ -1,6 +1,7 @@
-//! What several packs stand on: sparse systems of equations, the topology of meshes, and limits.
+//! What several packs stand on: sparse systems of equations, the topology of meshes, points by their places, and limits.
 
 pub mod limits;
 pub mod linear;
 pub mod solid_angle;
 pub mod topology;
+pub mod tree;

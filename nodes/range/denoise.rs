@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::grid_triangles::Rays;
 
-/// Takes the noise out of a range image and keeps its edges.
+/// Takes the noise out of a range image and keeps its edges, by a bilateral filter (Tomasi and Manduchi, 1998) on pairs of neighbors.
 ///
 /// Each point moves along its line of sight only, so that it stays in its cell. Cells without a point stay without one.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

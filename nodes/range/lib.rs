@@ -22,7 +22,7 @@ pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract
 pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
 pub use grid::contour::contours;
-pub use grid::grid_triangles::{GridTriangle, Half, grid_triangles};
+pub use grid::grid_triangles::{GridTriangle, Half, Rays, grid_triangles};
 pub use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
 pub use holes::shadows::{LARGEST_SHADOW, around, fill_shadows};
 pub use range_file::{Axes, CameraFileError, Unit};

@@ -11,12 +11,14 @@ use net::Net;
 
 mod net;
 mod quadric;
+mod wedges;
 
 /// Takes vertices out of a mesh where they matter least, until it has so many faces.
 ///
-/// Two ends of an edge become one vertex, in the place that is nearest to the planes of all faces around. Borders and creases keep
-/// their shape: their vertices only move along them, and the ends of creases stay. The result is triangles; vertex attributes are
-/// mixed as the vertices are, face attributes stay with their faces, attributes of corners and normals are dropped.
+/// Two ends of an edge become one vertex, in the place that is nearest to the planes of all faces around and where a texture slips least.
+/// Borders, creases and the seams of a texture keep their shape: their vertices only move along them, and their ends stay. The result is
+/// triangles; vertex attributes are mixed as the vertices are, those of corners on each side of a seam by itself; face attributes stay
+/// with their faces, normals are dropped.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Simplify {
     /// What becomes coarser; polygons are cut into triangles first.
@@ -43,20 +45,20 @@ impl Node for Simplify {
 
     const PROMISES: &'static [Promise<Self>] = &[Promise::always("mesh", "Triangles")];
 
-    const CARRIES: &'static [Carry] =
-        &[Carry::each("mesh", "mesh", [Fate::Interpolated, Fate::Dropped, Fate::Kept, Fate::Kept])];
+    const CARRIES: &'static [Carry] = &[Carry::each(
+        "mesh",
+        "mesh",
+        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+    )];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        if mesh.corner().iter().any(|(name, _)| name != "normal") {
-            cx.warn("the attributes of corners are dropped: vertices at their seams become one");
-        }
         let triangles: usize = mesh.faces().iter().map(|face| face.len() - 2).sum();
         let target = if self.faces == 0 { triangles / 20 } else { self.faces };
         let simple = simplify(mesh, target, cx.progress())?;
         if simple.faces().len() > target {
             cx.warn(format!(
-                "{} triangles are left instead of {target}: taking out more would fold the surface or its creases",
+                "{} triangles are left instead of {target}: taking out more would fold the surface, its creases or seams",
                 simple.faces().len()
             ));
         }
@@ -70,6 +72,11 @@ impl Node for Simplify {
 /// "Surface simplification using quadric error metrics" (1997). One is refused if the surface would no longer be one, the link
 /// condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999), if a face would turn by more than
 /// 75 degrees or lose its area, or if it joined two creases. Cost grows with n log n.
+///
+/// Texture coordinates `uv` on corners count with the squared distance by which the texture slips on the surface, as Hoppe's metric measures
+/// it: "New quadric metric for simplifying meshes with appearance attributes" (1999). Edges whose sides differ in an attribute of corners are
+/// seams, which are held as borders are. What a side of a new vertex has is what was on the nearest place of that side before, so that a
+/// texture that lies evenly stays exactly where it is.
 ///
 /// # Errors
 /// If the evaluation is told to stop.

@@ -14,7 +14,7 @@ mod parts;
 mod properties;
 
 pub use faces::{Edges, Faces};
-pub use nearest::{NearestPlace, RayHit, TriangleTree};
+pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
 
 /// Why vertices and faces do not make a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]

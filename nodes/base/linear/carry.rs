@@ -1,4 +1,4 @@
-//! How data on the elements of a mesh become data on the elements of a refined mesh.
+//! How data on the elements of a mesh become data on the elements of another one that is made of it.
 
 use maquette::value::Attribute;
 

@@ -146,7 +146,7 @@ pub(crate) fn double_area([first, second, third]: [Point3<f64>; 3]) -> Vector3<f
 
 /// The rays along which a sensor sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Rays {
+pub enum Rays {
     /// From the origin.
     FromOrigin,
     /// Along z: points at or behind the origin of a grid without a camera say that the sensor is not there.
@@ -155,7 +155,7 @@ pub(crate) enum Rays {
 
 impl Rays {
     /// Those of the sensor that took `range`.
-    pub(crate) fn of(range: &RangeImage) -> Self {
+    pub fn of(range: &RangeImage) -> Self {
         if range.camera().is_none() && range.points().iter().any(|point| point.z <= 0.0) {
             Self::AlongZ
         } else {
@@ -164,7 +164,7 @@ impl Rays {
     }
 
     /// A vector along the ray that meets `point`, away from the sensor.
-    pub(crate) fn at(self, point: Point3<f64>) -> Vector3<f64> {
+    pub fn at(self, point: Point3<f64>) -> Vector3<f64> {
         match self {
             Self::FromOrigin => point.coords,
             Self::AlongZ => Vector3::z(),

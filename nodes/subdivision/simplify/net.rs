@@ -2,10 +2,11 @@
 
 use std::cmp::Ordering;
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette::value::{Faces, Mesh, MeshError, to_triangle};
 use nalgebra::{Point3, Vector3, center};
 
 use super::quadric::Quadric;
+use super::wedges::{Side, Wedges};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 
@@ -66,6 +67,8 @@ pub(super) struct Net {
     /// The other ends of each vertex's sharp edges, with their sharpness: creases, and borders with 0.
     sharp: Vec<Vec<(u32, f64)>>,
     least_area: f64,
+    /// What lies on corners, if anything does.
+    wedges: Option<Wedges>,
     /// What was done: the vertex that stayed, the one that went, and its share in the result.
     merges: Vec<([u32; 2], f64)>,
 }
@@ -73,9 +76,11 @@ pub(super) struct Net {
 impl Net {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let places = mesh.positions().to_vec();
-        let (mut triangles, mut parents) = (Vec::new(), Vec::new());
+        let (mut triangles, mut parents, mut corners) = (Vec::new(), Vec::new(), Vec::new());
         for (parent, face) in (0..).zip(mesh.faces().iter()) {
+            let first = mesh.faces().first_corner(parent as usize) as u32;
             triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
+            corners.extend((1..face.len() as u32 - 1).map(|k| [first, first + k, first + k + 1]));
             parents.resize(triangles.len(), parent);
         }
         let mut around = vec![Vec::new(); places.len()];
@@ -91,6 +96,7 @@ impl Net {
             sharp: vec![Vec::new(); places.len()],
             least_area: LEAST_AREA * diagonal * diagonal,
             merges: Vec::new(),
+            wedges: Wedges::new(mesh, &triangles, &corners),
             places,
             triangles,
             parents,
@@ -114,9 +120,10 @@ impl Net {
         let edges = mesh.edges();
         let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
         let borders = borders.map(|(&ends, _)| (ends, 0.0));
-        for (ends, sharpness) in
-            mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).chain(borders)
-        {
+        let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
+        // Seams are held as borders are.
+        let seams = self.seams().into_iter().map(|ends| (ends, 0.0));
+        for (ends, sharpness) in creases.chain(borders).chain(seams) {
             let [a, b] = ends;
             if self.sharp[a as usize].iter().any(|(end, _)| *end == b) {
                 continue;
@@ -125,6 +132,53 @@ impl Net {
             self.sharp[b as usize].push((a, sharpness));
             self.hold(ends);
         }
+    }
+
+    /// The edges whose sides have different wedges at an end.
+    fn seams(&self) -> Vec<[u32; 2]> {
+        let Some(wedges) = &self.wedges else { return Vec::new() };
+        let mut sides = Vec::with_capacity(3 * self.triangles.len());
+        for (index, corners) in (0..).zip(&self.triangles) {
+            let of = wedges.of(index);
+            sides.extend([(0, 1), (1, 2), (2, 0)].map(|(k, l)| {
+                if corners[k] < corners[l] {
+                    ([corners[k], corners[l]], [of[k], of[l]])
+                } else {
+                    ([corners[l], corners[k]], [of[l], of[k]])
+                }
+            }));
+        }
+        sides.sort_unstable();
+        let edges = sides.chunk_by(|a, b| a.0 == b.0);
+        let seams = edges.filter(|edge| edge.iter().any(|side| side.1 != edge[0].1));
+        seams.map(|edge| edge[0].0).collect()
+    }
+
+    /// The sides of an edge, and of each of its ends whether it has wedges that are on neither.
+    fn sides(&self, [a, b]: [u32; 2]) -> (Vec<Side>, [bool; 2]) {
+        let Some(wedges) = &self.wedges else { return Default::default() };
+        let mut sides = Vec::new();
+        for &face in &self.around[a as usize] {
+            if let (Some(k), Some(l)) = (self.corner(face, a), self.corner(face, b)) {
+                let of = wedges.of(face);
+                sides.push([of[k], of[l]]);
+            }
+        }
+        sides.sort_unstable();
+        sides.dedup();
+        let others = [(0, a), (1, b)].map(|(end, vertex)| {
+            let is_other = |&face: &u32| {
+                let wedge = self.corner(face, vertex).map(|k| wedges.of(face)[k]);
+                !sides.iter().any(|side| Some(side[end]) == wedge)
+            };
+            self.around[vertex as usize].iter().any(is_other)
+        });
+        (sides, others)
+    }
+
+    /// Which corner of a face a vertex is.
+    fn corner(&self, face: u32, vertex: u32) -> Option<usize> {
+        self.triangles[face as usize].iter().position(|&corner| corner == vertex)
     }
 
     /// Adds the planes through an edge that are perpendicular to its faces.
@@ -172,14 +226,22 @@ impl Net {
     /// What making one vertex of an edge costs; none if creases forbid it.
     pub(super) fn collapse(&self, [a, b]: [u32; 2]) -> Option<Collapse> {
         let ends = [a.min(b), a.max(b)];
-        let quadric = self.quadrics[a as usize] + self.quadrics[b as usize];
+        let mut quadric = self.quadrics[a as usize] + self.quadrics[b as usize];
+        let (sides, others) = self.sides(ends);
+        if let Some(wedges) = &self.wedges {
+            quadric += wedges.cost(&sides);
+        }
         let [first, second] = ends.map(|end| self.places[end as usize]);
         let sharp_edge = self.is_sharp(ends);
         // Held: the ends of creases and where several meet; beside a smooth edge every vertex of a crease.
-        let held = ends.map(|end| match self.sharp[end as usize].len() {
-            0 => false,
-            2 => !sharp_edge,
-            _ => true,
+        // What has wedges beside those of the edge does not move either, so that they may stay as they are.
+        let held = [0, 1].map(|end| {
+            others[end]
+                || match self.sharp[ends[end] as usize].len() {
+                    0 => false,
+                    2 => !sharp_edge,
+                    _ => true,
+                }
         });
         let places = match held {
             [true, true] => return None,
@@ -244,6 +306,7 @@ impl Net {
         let along = second - first;
         let share = (collapse.place - first).dot(&along) / along.norm_squared();
         self.merges.push(([a, b], if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }));
+        self.merge_wedges(collapse);
         for face in std::mem::take(&mut self.around[b as usize]) {
             let triangle = &mut self.triangles[face as usize];
             if triangle.contains(&a) {
@@ -271,6 +334,40 @@ impl Net {
         [a, b].iter().for_each(|&end| self.versions[end as usize] += 1);
     }
 
+    /// Makes one wedge of the two on each side of an edge: with what was on the nearest place of that side of the surface.
+    fn merge_wedges(&mut self, collapse: &Collapse) {
+        let [a, b] = collapse.ends;
+        let (sides, _) = self.sides([a, b]);
+        let Some(wedges) = &self.wedges else { return };
+        let faces = || self.around[a as usize].iter().chain(&self.around[b as usize]).copied();
+        let mixed = sides.iter().map(|side| {
+            let on_side =
+                faces().filter(|&face| wedges.of(face).iter().any(|it| side.contains(it)));
+            let nearest = on_side.map(|face| {
+                let corners = self.triangles[face as usize].map(|v| self.places[v as usize]);
+                let (square, shares) = to_triangle(collapse.place, corners);
+                let of = wedges.of(face);
+                (square, [0, 1, 2].map(|k| (shares[k], of[k])))
+            });
+            let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0));
+            (*side, nearest.map_or([(1.0, side[0]); 3], |(_, parts)| parts))
+        });
+        let mixed = Vec::from_iter(mixed);
+        let replaced = self.around[b as usize].iter().filter_map(|&face| {
+            let corner = self.corner(face, b)?;
+            let side = sides.iter().find(|side| side[1] == wedges.of(face)[corner])?;
+            Some((face, corner, side[0]))
+        });
+        let replaced = Vec::from_iter(replaced);
+        let time = self.merges.len() as u32;
+        if let Some(wedges) = &mut self.wedges {
+            wedges.merge(time, mixed.into_iter());
+            for (face, corner, wedge) in replaced {
+                wedges.replace(face, corner, wedge);
+            }
+        }
+    }
+
     /// What is left, vertices and faces in their old order.
     pub(super) fn into_mesh(self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         const GONE: u32 = u32::MAX;
@@ -296,6 +393,11 @@ impl Net {
         let parents = Vec::from_iter(faces.iter().map(|&face| self.parents[face]));
         for (name, attribute) in mesh.face().iter() {
             simple = simple.with_face(name, attribute.select(&parents))?;
+        }
+        if let Some(wedges) = &self.wedges {
+            for (name, attribute) in wedges.attributes(mesh, &faces) {
+                simple = simple.with_corner(name, attribute)?;
+            }
         }
         Ok(simple)
     }

@@ -28,6 +28,15 @@ impl Quadric {
         }
     }
 
+    /// `weight` times the square of `slope . x + offset`.
+    pub(crate) fn linear(slope: Vector3<f64>, offset: f64, weight: f64) -> Self {
+        Self {
+            a: slope * slope.transpose() * weight,
+            b: slope * (-offset * weight),
+            c: offset * offset * weight,
+        }
+    }
+
     /// The error at a place; not below 0.
     pub(crate) fn at(&self, x: Vector3<f64>) -> f64 {
         (x.dot(&(self.a * x)) - 2.0 * self.b.dot(&x) + self.c).max(0.0)

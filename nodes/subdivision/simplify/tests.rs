@@ -114,3 +114,82 @@ fn attributes_go_with_their_vertices_and_faces() {
     let Some(Attribute::Index(side)) = coarse.face().get("side") else { panic!("side") };
     assert_eq!(side.len(), coarse.faces().len());
 }
+
+/// A tube of `n` faces around and along, of which the texture is cut open along a line and lies at its place times its size in mm.
+fn textured_tube(n: u32, along: u32) -> Mesh {
+    let at = |k: u32| {
+        let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
+        Point3::new(10.0 * libm::cos(turn), 10.0 * libm::sin(turn), f64::from(k / n))
+    };
+    let name = |i: u32, j: u32| i % n + j * n;
+    let (mut faces, mut uv) = (Vec::new(), Vec::new());
+    for (i, j) in (0..n * along).map(|k| (k % n, k / n)) {
+        let square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
+        for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
+            let corners = [a, b, c].map(|k: usize| square[k]);
+            faces.push(corners.map(|(i, j)| name(i, j)));
+            let (width, height) = (f64::from(n), f64::from(along));
+            uv.extend(corners.map(|(i, j)| [f64::from(i) / width, f64::from(j) / height]));
+        }
+    }
+    let places = Vec::from_iter((0..n * (along + 1)).map(at));
+    let tube = Mesh::new(places, Faces::triangles(faces)).unwrap();
+    tube.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
+}
+
+#[test]
+fn a_texture_stays_on_both_sides_of_its_seam() {
+    let tube = textured_tube(60, 40);
+    let coarse = simple(&tube, 400);
+    assert!(coarse.faces().len() <= 400);
+    let uv = coarse.corner().pairs("uv").expect("a texture");
+    let corners = coarse.faces().corners().iter();
+    let mut seam = [0, 0];
+    for (&vertex, &[u, v]) in corners.zip(uv.iter()) {
+        let place = coarse.positions()[vertex as usize];
+        assert!((v - place.z / 40.0).abs() < 2e-3, "{place} {v}");
+        let turn = libm::atan2(place.y, place.x) / std::f64::consts::TAU;
+        let off = u - turn - (u - turn).round();
+        assert!(off.abs() < 4e-3, "{place} {u} {turn}");
+        assert!((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v));
+        if turn.abs() < 1e-9 {
+            seam[usize::from(u > 0.5)] += 1;
+        }
+    }
+    assert!(seam.iter().all(|&count| count >= 2), "{seam:?}");
+    // No triangle reaches across the seam.
+    for uv in uv.chunks(3) {
+        let [least, most] =
+            [f64::min, f64::max].map(|f| uv.iter().map(|uv| uv[0]).reduce(f).unwrap());
+        assert!(most - least < 0.3, "{uv:?}");
+    }
+}
+
+#[test]
+fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
+    let fine = sheet(16, |_, _| 0.0);
+    let places =
+        Vec::from_iter(fine.faces().corners().iter().map(|&v| fine.positions()[v as usize]));
+    // The right half is elsewhere in the picture; colors are given for each half, too.
+    let half = |corner: usize| places[corner / 3 * 3..][..3].iter().any(|place| place.x > 0.5);
+    let uv =
+        (0..places.len()).map(|k| [places[k].x * 0.5 + f64::from(u8::from(half(k))), places[k].y]);
+    let color = (0..places.len()).map(|k| if half(k) { [200, 0, 0] } else { [0, 100, 0] });
+    let fine = fine
+        .clone()
+        .with_corner("uv", Attribute::Pair(uv.collect()))
+        .and_then(|fine| fine.with_corner("color", Attribute::Color(color.collect())))
+        .unwrap();
+    let flat = simple(&fine, 4);
+    assert_eq!(flat.faces().len(), 4);
+    let (uv, color) = (flat.corner().pairs("uv").unwrap(), flat.corner().colors("color").unwrap());
+    for (face, (uv, color)) in flat.faces().iter().zip(uv.chunks(3).zip(color.chunks(3))) {
+        let places = [0, 1, 2].map(|k| flat.positions()[face[k] as usize]);
+        let is_right = places.iter().any(|place| place.x > 0.5 + 1e-9);
+        for k in 0..3 {
+            let expected = places[k].x * 0.5 + f64::from(u8::from(is_right));
+            assert!((uv[k][0] - expected).abs() < 1e-12 && (uv[k][1] - places[k].y).abs() < 1e-12);
+            assert_eq!(color[k], if is_right { [200, 0, 0] } else { [0, 100, 0] });
+        }
+    }
+}

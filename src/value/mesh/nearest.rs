@@ -336,7 +336,7 @@ fn spread(x: u64) -> u64 {
 ///
 /// Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, whose letters are kept.
 #[inline(always)]
-fn to_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3]) {
+pub fn to_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let done = |shares: [f64; 3]| {
         let nearest = ab * shares[1] + ac * shares[2];

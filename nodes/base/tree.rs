@@ -12,14 +12,15 @@ const LEAF: usize = 8;
 
 /// Points in the order of a tree: those of each branch stand side by side, halved in the middle.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tree {
+pub struct Tree {
     points: Vec<(Point3<f64>, u32)>,
     /// The axis along which each branch is halved, by the place of its middle.
     axes: Vec<u8>,
 }
 
 impl Tree {
-    pub(super) fn new(points: &[Point3<f64>]) -> Self {
+    /// The tree of some points. Cost grows with n log n.
+    pub fn new(points: &[Point3<f64>]) -> Self {
         let mut tree =
             Self { points: points.iter().copied().zip(0..).collect(), axes: vec![0; points.len()] };
         halve(&mut tree.points, &mut tree.axes);
@@ -27,7 +28,7 @@ impl Tree {
     }
 
     /// The point that is nearest to a place and nearer than `reach`, with the square of its distance. Of several it is the first.
-    pub(super) fn nearest(&self, at: &Point3<f64>, reach: f64) -> Option<(usize, f64)> {
+    pub fn nearest(&self, at: &Point3<f64>, reach: f64) -> Option<(usize, f64)> {
         let mut best = (reach * reach, u32::MAX);
         self.visit(0..self.points.len(), at, best.0, &mut |point, square| {
             if square < best.0 || (square == best.0 && best.1 != u32::MAX && point < best.1) {
@@ -39,7 +40,7 @@ impl Tree {
     }
 
     /// The points that are nearer to a place than `reach`, ascending.
-    pub(super) fn within(&self, at: &Point3<f64>, reach: f64) -> Vec<u32> {
+    pub fn within(&self, at: &Point3<f64>, reach: f64) -> Vec<u32> {
         let (mut found, square) = (Vec::new(), reach * reach);
         self.visit(0..self.points.len(), at, square, &mut |point, distance| {
             if distance < square {
@@ -49,6 +50,25 @@ impl Tree {
         });
         found.sort_unstable();
         found
+    }
+
+    /// The points, with their numbers, in such an order that neighbors in it are near each other.
+    pub fn points(&self) -> &[(Point3<f64>, u32)] {
+        &self.points
+    }
+
+    /// The squares of the distances to the `count` nearest points, ascending, in place of what is in `squares`; fewer if there are not so many.
+    pub fn nearest_squares(&self, at: &Point3<f64>, count: usize, squares: &mut Vec<f64>) {
+        squares.clear();
+        let limit = if count == 0 { -1.0 } else { f64::INFINITY };
+        self.visit(0..self.points.len(), at, limit, &mut |_, square| {
+            let place = squares.iter().rposition(|known| *known <= square).map_or(0, |it| it + 1);
+            if place < count {
+                squares.truncate(count - 1);
+                squares.insert(place, square);
+            }
+            if squares.len() < count { f64::INFINITY } else { squares[count - 1] }
+        });
     }
 
     /// Shows `see` the points of a branch that may be nearer than the root of `limit`, the nearer half first, and says what the limit is
@@ -120,6 +140,13 @@ mod tests {
                 assert_eq!(tree.nearest(&at, reach), nearest);
                 let near = Vec::from_iter(near.map(|(point, _)| point as u32));
                 assert_eq!(tree.within(&at, reach), near);
+            }
+            let mut squares = Vec::from_iter(all().map(|(_, square)| square));
+            squares.sort_by(f64::total_cmp);
+            let mut found = vec![7.0];
+            for count in [1, 20, 600] {
+                tree.nearest_squares(&at, count, &mut found);
+                assert_eq!(found, squares[..count.min(500)]);
             }
         }
         assert_eq!(Tree::new(&[]).nearest(&Point3::origin(), 1.0), None);

@@ -1,0 +1,30 @@
+//! Nodes that clean scans: even faces, less noise, nothing that flies around.
+
+use maquette::Pack;
+
+mod flying_pixels;
+mod remesh;
+mod remesh_error;
+mod remove_outliers;
+#[cfg(test)]
+mod shapes;
+mod smooth;
+
+pub use flying_pixels::{FlyingPixels, FlyingPixelsError, flying_pixels};
+pub use remesh::{Remesh, remesh};
+pub use remesh_error::RemeshError;
+pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
+pub use smooth::{Smooth, SmoothError, smooth};
+
+maquette::nodes_of_this_build!();
+
+/// Nodes that clean scans.
+pub static PACK: Pack = Pack {
+    name: "clean",
+    nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>(), node::<FlyingPixels>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+    recipes: &[],
+};

@@ -1,0 +1,416 @@
+//! Triangles whose edges are split, collapsed and flipped.
+//!
+//! Half-edge `h` leads from a corner of triangle `h / 3` to the next one, counter-clockwise; its twin leads back in the triangle beside.
+
+use nalgebra::{Point3, Vector3};
+
+/// No half-edge: there is no triangle beside, or this one is gone.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Largest turn of a triangle that changes: the cosine of 60 degrees.
+const LEAST_COSINE: f64 = 0.5;
+
+/// A triangle with less area than this share of the square of its longest edge is a needle, which nothing may become.
+const NEEDLE: f64 = 0.02;
+
+/// How far a vertex may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// On the surface.
+    Smooth,
+    /// Along the feature curve that it lies on.
+    Curve,
+    /// Not at all.
+    Corner,
+}
+
+/// The triangle of a half-edge, continued.
+#[inline]
+pub(super) fn next(h: u32) -> u32 {
+    if h % 3 == 2 { h - 2 } else { h + 1 }
+}
+
+#[inline]
+pub(super) fn previous(h: u32) -> u32 {
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
+}
+
+/// The triangles; each vertex has one fan of them, which a border may open.
+#[derive(Clone, Debug)]
+pub(super) struct Net {
+    pub(super) places: Vec<Point3<f64>>,
+    pub(super) kinds: Vec<Kind>,
+    /// Where each half-edge begins; `NONE` where the triangle is gone.
+    pub(super) from: Vec<u32>,
+    pub(super) twins: Vec<u32>,
+    /// How sharp the crease is that a half-edge lies on, 0 for other features; none if it lies on no feature. Equal for twins.
+    pub(super) features: Vec<Option<f64>>,
+    /// A half-edge that leaves each vertex; `NONE` if it is gone.
+    pub(super) leaving: Vec<u32>,
+    /// Triangles and vertices that are gone, whose places are taken again.
+    free_triangles: Vec<u32>,
+    free_vertices: Vec<u32>,
+}
+
+impl Net {
+    pub(super) fn new(places: Vec<Point3<f64>>, triangles: &[[u32; 3]], twins: Vec<u32>) -> Self {
+        let from = triangles.as_flattened().to_vec();
+        let mut leaving = vec![NONE; places.len()];
+        (0..).zip(&from).for_each(|(h, &vertex)| leaving[vertex as usize] = h);
+        Self {
+            kinds: vec![Kind::Smooth; places.len()],
+            features: vec![None; from.len()],
+            places,
+            from,
+            twins,
+            leaving,
+            free_triangles: Vec::new(),
+            free_vertices: Vec::new(),
+        }
+    }
+
+    #[inline]
+    pub(super) fn from(&self, h: u32) -> u32 {
+        self.from[h as usize]
+    }
+
+    #[inline]
+    pub(super) fn to(&self, h: u32) -> u32 {
+        self.from[next(h) as usize]
+    }
+
+    #[inline]
+    pub(super) fn twin(&self, h: u32) -> u32 {
+        self.twins[h as usize]
+    }
+
+    #[inline]
+    pub(super) fn place(&self, vertex: u32) -> Point3<f64> {
+        self.places[vertex as usize]
+    }
+
+    #[inline]
+    pub(super) fn kind(&self, vertex: u32) -> Kind {
+        self.kinds[vertex as usize]
+    }
+
+    pub(super) fn is_feature(&self, h: u32) -> bool {
+        self.features[h as usize].is_some()
+    }
+
+    /// Makes an edge a feature that is so sharp.
+    pub(super) fn set_feature(&mut self, h: u32, sharpness: f64) {
+        self.mark(h, Some(sharpness));
+        self.mark(self.twin(h), Some(sharpness));
+    }
+
+    /// The square of the length of a half-edge.
+    #[inline]
+    pub(super) fn square(&self, h: u32) -> f64 {
+        (self.place(self.to(h)) - self.place(self.from(h))).norm_squared()
+    }
+
+    /// The corners of a triangle, as far as it is there.
+    pub(super) fn triangle(&self, triangle: u32) -> Option<[u32; 3]> {
+        let first = 3 * triangle as usize;
+        (self.from[first] != NONE).then(|| [0, 1, 2].map(|k| self.from[first + k]))
+    }
+
+    /// Twice the area of a triangle, as a vector along its normal.
+    #[inline]
+    pub(super) fn area(&self, h: u32) -> Vector3<f64> {
+        area([h, next(h), previous(h)].map(|h| self.place(self.from(h))))
+    }
+
+    /// Each edge once, by one of its half-edges.
+    pub(super) fn edges(&self) -> impl Iterator<Item = u32> {
+        let is_there =
+            |h: &u32| self.from(*h) != NONE && (self.twin(*h) == NONE || *h < self.twin(*h));
+        (0..self.from.len() as u32).filter(is_there)
+    }
+
+    /// Shows the half-edges that leave a vertex.
+    #[inline]
+    pub(super) fn visit(&self, vertex: u32, mut see: impl FnMut(u32)) {
+        let start = self.leaving[vertex as usize];
+        let mut h = start;
+        loop {
+            see(h);
+            h = self.twin(previous(h));
+            if h == start {
+                return;
+            }
+            if h == NONE {
+                break;
+            }
+        }
+        // A border is there: the others are on the other side of where it began.
+        let mut h = self.twin(start);
+        while h != NONE {
+            see(next(h));
+            h = self.twin(next(h));
+        }
+    }
+
+    /// Shows the vertices around one, with the half-edges that join it to them: one that leaves it, or the one that comes along a border.
+    #[inline]
+    pub(super) fn visit_neighbors(&self, vertex: u32, mut see: impl FnMut(u32, u32)) {
+        self.visit(vertex, |h| {
+            see(self.to(h), h);
+            let last = previous(h);
+            if self.twin(last) == NONE {
+                see(self.from(last), last);
+            }
+        });
+    }
+
+    fn neighbors(&self, vertex: u32) -> Vec<u32> {
+        let mut neighbors = Vec::with_capacity(8);
+        self.visit_neighbors(vertex, |neighbor, _| neighbors.push(neighbor));
+        neighbors
+    }
+
+    fn valence(&self, vertex: u32) -> usize {
+        let mut count = 0;
+        self.visit_neighbors(vertex, |_, _| count += 1);
+        count
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        if a != NONE {
+            self.twins[a as usize] = b;
+        }
+        if b != NONE {
+            self.twins[b as usize] = a;
+        }
+    }
+
+    fn mark(&mut self, h: u32, feature: Option<f64>) {
+        if h != NONE {
+            self.features[h as usize] = feature;
+        }
+    }
+
+    fn new_triangle(&mut self, corners: [u32; 3]) -> u32 {
+        let triangle = self.free_triangles.pop().unwrap_or_else(|| {
+            self.from.extend([NONE; 3]);
+            self.twins.extend([NONE; 3]);
+            self.features.extend([None; 3]);
+            self.from.len() as u32 / 3 - 1
+        });
+        let first = 3 * triangle;
+        self.from[first as usize..][..3].copy_from_slice(&corners);
+        first
+    }
+
+    fn new_vertex(&mut self, place: Point3<f64>, kind: Kind, leaving: u32) -> u32 {
+        let vertex = self.free_vertices.pop().unwrap_or_else(|| {
+            self.places.push(place);
+            self.kinds.push(kind);
+            self.leaving.push(leaving);
+            self.places.len() as u32 - 1
+        });
+        self.places[vertex as usize] = place;
+        self.kinds[vertex as usize] = kind;
+        self.leaving[vertex as usize] = leaving;
+        vertex
+    }
+
+    /// Puts a vertex in the middle of an edge.
+    pub(super) fn split(&mut self, h: u32) {
+        let (a, b, twin) = (self.from(h), self.to(h), self.twin(h));
+        let feature = self.features[h as usize];
+        let kind = if feature.is_some() { Kind::Curve } else { Kind::Smooth };
+        let middle = nalgebra::center(&self.place(a), &self.place(b));
+        let vertex = self.new_vertex(middle, kind, NONE);
+        let front = self.halve(h, vertex, feature);
+        self.leaving[vertex as usize] = front;
+        if twin == NONE {
+            self.join(front, NONE);
+        } else {
+            let back = self.halve(twin, vertex, feature);
+            self.join(h, back);
+            self.join(twin, front);
+        }
+    }
+
+    /// Cuts the triangle of a half-edge in two at its middle. The half-edge ends there then; the other half is given back, which has no
+    /// twin yet.
+    fn halve(&mut self, h: u32, middle: u32, feature: Option<f64>) -> u32 {
+        let (h1, b) = (next(h), self.to(h));
+        let (outer, of_outer) = (self.twin(h1), self.features[h1 as usize]);
+        let other = self.new_triangle([middle, b, self.to(h1)]);
+        self.from[h1 as usize] = middle;
+        self.twins[other as usize] = NONE;
+        self.mark(other, feature);
+        self.join(other + 1, outer);
+        self.mark(other + 1, of_outer);
+        self.join(other + 2, h1);
+        self.mark(other + 2, None);
+        self.mark(h1, None);
+        self.leaving[b as usize] = other + 1;
+        other
+    }
+
+    /// Makes one vertex of an edge's ends, in the place where it begins, if the surface stays one, no triangle turns over and no edge
+    /// becomes longer than the root of `longest`. Says whether it did.
+    pub(super) fn collapse(&mut self, h: u32, longest: f64) -> bool {
+        let (a, b, twin) = (self.from(h), self.to(h), self.twin(h));
+        let may_move = match self.kind(b) {
+            Kind::Smooth => true,
+            Kind::Curve => self.is_feature(h),
+            Kind::Corner => false,
+        };
+        if !may_move {
+            return false;
+        }
+        // The link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999).
+        let (of_a, of_b) = (self.neighbors(a), self.neighbors(b));
+        let common = of_b.iter().filter(|&vertex| of_a.contains(vertex)).count();
+        let sides = if twin == NONE { 1 } else { 2 };
+        if common != sides || !self.may_lose(h) || (twin != NONE && !self.may_lose(twin)) {
+            return false;
+        }
+        let place = match self.kind(a) == self.kind(b) {
+            true => nalgebra::center(&self.place(a), &self.place(b)),
+            false => self.place(a),
+        };
+        let fits = |vertex: u32, other: u32| {
+            let mut fits = true;
+            self.visit(vertex, |spoke| {
+                let others = [self.to(spoke), self.from(previous(spoke))];
+                if fits && !others.contains(&other) {
+                    let [p, q] = others.map(|vertex| self.place(vertex));
+                    fits = (p - place).norm_squared() <= longest
+                        && (q - place).norm_squared() <= longest
+                        && keeps_side([self.place(vertex), p, q], [place, p, q]);
+                }
+            });
+            fits
+        };
+        if !fits(b, a) || (place != self.place(a) && !fits(a, b)) {
+            return false;
+        }
+        let mut fan = Vec::with_capacity(8);
+        self.visit(b, |spoke| fan.push(spoke));
+        fan.iter().for_each(|&spoke| self.from[spoke as usize] = a);
+        self.lose(h, a);
+        if twin != NONE {
+            self.lose(twin, a);
+        }
+        self.places[a as usize] = place;
+        self.leaving[b as usize] = NONE;
+        self.free_vertices.push(b);
+        true
+    }
+
+    /// Whether the triangle of a half-edge may become a line.
+    fn may_lose(&self, h: u32) -> bool {
+        let (h1, h2) = (next(h), previous(h));
+        let apex = self.from(h2);
+        let (x, y) = (self.twin(h1), self.twin(h2));
+        // A crease of two edges would become a line there and back, and a vertex would be left with two triangles, or none.
+        let closes = self.is_feature(h1) && self.is_feature(h2);
+        let is_left_over = match (x, y) {
+            (NONE, NONE) => true,
+            (NONE, _) | (_, NONE) => false,
+            _ => self.valence(apex) <= 3,
+        };
+        !closes && !is_left_over
+    }
+
+    /// Takes out the triangle of a half-edge whose ends have both become `vertex`.
+    fn lose(&mut self, h: u32, vertex: u32) {
+        let (h1, h2) = (next(h), previous(h));
+        let apex = self.from(h2);
+        let (x, y) = (self.twin(h1), self.twin(h2));
+        let feature = self.features[h1 as usize].or(self.features[h2 as usize]);
+        self.join(x, y);
+        self.mark(x, feature);
+        self.mark(y, feature);
+        let (of_vertex, of_apex) = if x == NONE { (y, next(y)) } else { (next(x), x) };
+        self.leaving[vertex as usize] = of_vertex;
+        self.leaving[apex as usize] = of_apex;
+        let first = h - h % 3;
+        self.from[first as usize..][..3].fill(NONE);
+        self.free_triangles.push(first / 3);
+    }
+
+    /// Whether an edge can be turned to join the two vertices beside it: it has two triangles that stay on their side, and is no feature.
+    pub(super) fn is_flippable(&self, h: u32) -> bool {
+        let twin = self.twin(h);
+        if twin == NONE || self.is_feature(h) {
+            return false;
+        }
+        let (a, b) = (self.from(h), self.to(h));
+        let (c, d) = (self.from(previous(h)), self.from(previous(twin)));
+        let mut are_joined = false;
+        self.visit_neighbors(c, |neighbor, _| are_joined |= neighbor == d);
+        if c == d || are_joined {
+            return false;
+        }
+        let [p, q, r, s] = [a, b, c, d].map(|vertex| self.place(vertex));
+        let (before, after) = ([[p, q, r], [q, p, s]], [[p, s, r], [s, q, r]]);
+        let sum = area(before[0]) + area(before[1]);
+        let worst = before.map(shape).into_iter().fold(f64::INFINITY, f64::min);
+        after.into_iter().all(|triangle| {
+            let area = area(triangle);
+            let is_turned = area.dot(&sum) <= LEAST_COSINE * area.norm() * sum.norm();
+            !is_turned && (NEEDLE < shape(triangle) || worst < shape(triangle))
+        })
+    }
+
+    /// Turns an edge that [`is_flippable`](Self::is_flippable) allows.
+    pub(super) fn flip(&mut self, h: u32) {
+        let t = self.twin(h);
+        let (h1, h2, t1, t2) = (next(h), previous(h), next(t), previous(t));
+        let [a, b, c, d] = [h, t, h2, t2].map(|h| self.from(h));
+        let outer = [h1, h2, t1, t2].map(|h| (self.twin(h), self.features[h as usize]));
+        for (h, vertex) in [(h, d), (h1, c), (h2, a), (t, c), (t1, d), (t2, b)] {
+            self.from[h as usize] = vertex;
+        }
+        let [of_h1, of_h2, of_t1, of_t2] = outer;
+        for (h, (twin, feature)) in [(h1, of_h2), (h2, of_t1), (t1, of_t2), (t2, of_h1)] {
+            self.join(h, twin);
+            self.twins[h as usize] = twin;
+            self.mark(h, feature);
+        }
+        for (vertex, h) in [(a, h2), (b, t2), (c, h1), (d, h)] {
+            self.leaving[vertex as usize] = h;
+        }
+    }
+
+    /// Moves a vertex, if no triangle around it turns over or becomes a needle.
+    pub(super) fn shift(&mut self, vertex: u32, place: Point3<f64>) {
+        let old = self.place(vertex);
+        let mut fits = true;
+        self.visit(vertex, |h| {
+            let others = [self.to(h), self.from(previous(h))].map(|vertex| self.place(vertex));
+            fits &= keeps_side([old, others[0], others[1]], [place, others[0], others[1]]);
+        });
+        if fits {
+            self.places[vertex as usize] = place;
+        }
+    }
+}
+
+#[inline]
+fn area([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
+    (b - a).cross(&(c - a))
+}
+
+/// Twice the area of a triangle beside the square of its longest edge: some .87 if it is equilateral, 0 if it is a line.
+pub(super) fn shape(triangle: [Point3<f64>; 3]) -> f64 {
+    let [a, b, c] = triangle;
+    let longest =
+        [b - a, c - b, a - c].map(|edge| edge.norm_squared()).into_iter().fold(0.0, f64::max);
+    if longest > 0.0 { area(triangle).norm() / longest } else { 0.0 }
+}
+
+/// Whether a triangle keeps its side, and is no needle unless it was a worse one.
+#[inline]
+fn keeps_side(before: [Point3<f64>; 3], after: [Point3<f64>; 3]) -> bool {
+    let [old, new] = [before, after].map(area);
+    let is_turned = old.dot(&new) < LEAST_COSINE * old.norm() * new.norm();
+    !is_turned && (NEEDLE < shape(after) || shape(before) < shape(after))
+}

@@ -1,0 +1,209 @@
+use maquette::value::{Attribute, Faces};
+use nalgebra::Point3;
+
+use super::*;
+use crate::shapes::{area, ball, cube, sheet};
+
+fn even(mesh: &Mesh, length: f64) -> Mesh {
+    let even = remesh(mesh, length, 40.0, &Progress::none()).unwrap();
+    check(mesh, &even);
+    even
+}
+
+/// Vertices minus edges plus faces, and the number of border edges' loops.
+fn kind(mesh: &Mesh) -> (i64, usize) {
+    let edges = mesh.edges();
+    let used = std::collections::BTreeSet::from_iter(mesh.faces().corners().iter());
+    let euler = used.len() as i64 - edges.vertices.len() as i64 + mesh.faces().len() as i64;
+    let holes = mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
+    (euler, usize::from(holes > 0))
+}
+
+/// A surface of the same kind, whose triangles are none of them folded over.
+fn check(before: &Mesh, after: &Mesh) {
+    let edges = after.edges();
+    assert!(edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2));
+    assert_eq!(kind(before), kind(after));
+    let mut normals = vec![Vec::new(); edges.vertices.len()];
+    for (face, corners) in after.faces().iter().enumerate() {
+        let normal = after.area_vector(corners).try_normalize(0.0).expect("an area");
+        (0..3).for_each(|k| normals[edges.of_corner[3 * face + k] as usize].push(normal));
+    }
+    for pair in normals.iter().filter(|normals| normals.len() == 2) {
+        assert!(pair[0].dot(&pair[1]) > -0.1, "{pair:?}");
+    }
+}
+
+fn lengths(mesh: &Mesh) -> Vec<f64> {
+    let ends = mesh.edges().vertices;
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    ends.iter().map(|&[a, b]| (place(b) - place(a)).norm()).collect()
+}
+
+/// The smallest angle of each triangle, in degrees: the mean, and the least.
+fn angles(mesh: &Mesh) -> (f64, f64) {
+    let least = mesh.faces().iter().map(|face| {
+        let p = [0, 1, 2].map(|k| mesh.positions()[face[k] as usize]);
+        let angle = |k: usize| {
+            let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+            libm::atan2(a.cross(&b).norm(), a.dot(&b)).to_degrees()
+        };
+        angle(0).min(angle(1)).min(angle(2))
+    });
+    let least = Vec::from_iter(least);
+    let mean = least.iter().sum::<f64>() / least.len() as f64;
+    (mean, least.into_iter().fold(f64::INFINITY, f64::min))
+}
+
+#[test]
+fn a_cube_keeps_its_corners_its_edges_and_its_sides() {
+    for length in [0.7, 2.0, 4.0, 30.0] {
+        let even = even(&cube(), length);
+        assert!((area(&even) - 600.0).abs() < 1e-9, "{length}: {}", area(&even));
+        let on = |p: &Point3<f64>| p.iter().filter(|x| (x.abs() - 5.0).abs() < 1e-12).count();
+        let corners = even.positions().iter().filter(|p| on(p) == 3).count();
+        assert_eq!(corners, 8);
+        assert!(even.positions().iter().all(|p| on(p) >= 1));
+        if length < 3.0 {
+            let (mean, least) = angles(&even);
+            assert!(mean > 45.0 && least > 20.0, "{length}: {mean} {least}");
+        }
+    }
+    assert_eq!(even(&cube(), 30.0).faces().len(), 12);
+}
+
+#[test]
+fn a_sheet_stays_flat_and_square() {
+    for length in [0.3, 1.0, 3.0] {
+        let even = even(&sheet(10, |_, _| 0.0), length);
+        assert!((area(&even) - 100.0).abs() < 1e-9);
+        let is_long = |x: &f64| *x > 1.5 * length;
+        assert!(!lengths(&even).iter().any(is_long));
+        let mean = lengths(&even).iter().sum::<f64>() / lengths(&even).len() as f64;
+        assert!((mean / length - 1.0).abs() < 0.15, "{length}: {mean}");
+    }
+}
+
+#[test]
+fn a_ball_keeps_its_radius_and_has_even_triangles() {
+    let ball = ball(40);
+    let even = even(&ball, 1.0);
+    for place in even.positions().iter() {
+        // As near as the given triangles are.
+        assert!((place.coords.norm() - 10.0).abs() < 0.04, "{place}");
+    }
+    let (mean, least) = angles(&even);
+    assert!(mean > 50.0 && least > 25.0, "{mean} {least}");
+    let spread = lengths(&even);
+    assert!(spread.iter().all(|x| 0.5 < *x && *x < 1.5));
+}
+
+#[test]
+fn the_ridge_of_a_roof_stays_where_it_is() {
+    let roof = sheet(20, |x, _| 5.0 - (x - 5.0).abs());
+    let even = even(&roof, 0.8);
+    assert!((area(&even) / area(&roof) - 1.0).abs() < 1e-9);
+    // Without its edge it is cut off in places, but by little.
+    let cut = remesh(&roof, 0.8, 180.0, &Progress::none()).unwrap();
+    check(&roof, &cut);
+    assert!(area(&cut) < area(&roof) - 1e-3);
+}
+
+#[test]
+fn creases_keep_their_sharpness_and_attributes_their_places() {
+    let flat = sheet(10, |_, _| 0.0);
+    let line = (0..10).map(|k| ([5 + 11 * k, 16 + 11 * k], 2.5));
+    let x = flat.positions().iter().map(|p| p.x).collect();
+    let side = (0..100u32).map(|face| u32::from(face % 10 >= 5)).collect();
+    let corners = vec![1.0; 400].into();
+    let given = flat.clone().with_creases(line).unwrap();
+    let given = given.with_vertex("x", Attribute::Number(x)).unwrap();
+    let given = given.with_face("side", Attribute::Index(side)).unwrap();
+    let given = given.with_corner("gone", Attribute::Number(corners)).unwrap();
+    let even = even(&given, 0.7);
+    let at = |vertex: u32| even.positions()[vertex as usize];
+    assert!(
+        even.creases()
+            .all(|([a, b], s)| s == 2.5 && [a, b].iter().all(|&v| (at(v).x - 5.0).abs() < 1e-12))
+    );
+    let length: f64 = even.creases().map(|([a, b], _)| (at(b) - at(a)).norm()).sum();
+    assert!((length - 10.0).abs() < 1e-9);
+    let Some(Attribute::Number(x)) = even.vertex().get("x") else { panic!("x") };
+    assert!(even.positions().iter().zip(x.iter()).all(|(p, x)| (p.x - x).abs() < 1e-9));
+    let Some(Attribute::Index(side)) = even.face().get("side") else { panic!("side") };
+    for (face, &side) in even.faces().iter().zip(side.iter()) {
+        let middle = face.iter().map(|&v| at(v).x).sum::<f64>() / 3.0;
+        assert_eq!(side, u32::from(middle > 5.0));
+    }
+    assert!(even.corner().get("gone").is_none());
+}
+
+#[test]
+fn what_is_no_surface_is_refused_and_what_is_nothing_stays() {
+    let run = |mesh: &Mesh, length, angle| remesh(mesh, length, angle, &Progress::none());
+    let places = Vec::from(
+        [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]].map(Point3::from),
+    );
+    let of =
+        |faces: &[[u32; 3]]| Mesh::new(places.clone(), Faces::triangles(faces.to_vec())).unwrap();
+    let fan = of(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+    assert_eq!(run(&fan, 0.5, 40.0), Err(RemeshError::Crowded { edges: 1 }));
+    assert_eq!(
+        run(&of(&[[0, 1, 2], [0, 1, 3]]), 0.5, 40.0),
+        Err(RemeshError::Twisted { edges: 1 })
+    );
+    let empty = of(&[]);
+    assert!(run(&empty, 0.0, 40.0).unwrap().faces().is_empty());
+    // One triangle, much smaller and much larger than asked.
+    let one = of(&[[0, 1, 2]]);
+    assert_eq!(run(&one, 9.0, 40.0).unwrap().faces().len(), 1);
+    let many = run(&one, 0.1, 40.0).unwrap();
+    check(&one, &many);
+    assert!((area(&many) - 0.5).abs() < 1e-9 && many.faces().len() > 80);
+    // Faces without area.
+    let line = Mesh::new(vec![Point3::origin(); 3], Faces::triangles(vec![[0, 1, 2]])).unwrap();
+    assert_eq!(run(&line, 1.0, 40.0).unwrap(), line);
+    for length in [-1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(run(&one, length, 40.0), Err(RemeshError::Length(_))));
+    }
+    assert!(matches!(run(&one, 1.0, 181.0), Err(RemeshError::Angle(_))));
+    // A needle without area to speak of would be cut into as many.
+    let needle = [[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 1e-9, 0.0]].map(Point3::from);
+    let needle = Mesh::new(Vec::from(needle), Faces::triangles(vec![[0, 1, 2]])).unwrap();
+    assert!(matches!(run(&needle, 1.0, 40.0), Err(RemeshError::TooMuch(_))));
+    let error = run(&cube(), 1e-4, 40.0).unwrap_err().to_string();
+    assert!(error.contains("140 000 000 000 triangles") && error.contains("`length`"), "{error}");
+}
+
+#[test]
+fn a_vertex_that_joins_two_fans_becomes_two() {
+    let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+    let places = vec![at(0., 0.), at(5., -3.), at(5., 3.), at(-5., 3.), at(-5., -3.)];
+    let bow = Mesh::new(places, Faces::triangles(vec![[0, 1, 2], [0, 3, 4]])).unwrap();
+    let even = remesh(&bow, 1.0, 40.0, &Progress::none()).unwrap();
+    assert!((area(&even) - 30.0).abs() < 1e-9);
+    assert_eq!(even.positions().iter().filter(|p| p.coords.norm() < 1e-12).count(), 2);
+    assert!(even.edges().faces.iter().all(|&faces| faces <= 2));
+}
+
+#[test]
+fn the_bytes_are_the_same_for_any_number_of_threads() {
+    let wave = sheet(30, |x, y| libm::sin(x) * libm::cos(0.7 * y));
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| even(&wave, 0.25))
+    };
+    let one = run(1);
+    assert!([2, 3, 8].iter().all(|&threads| run(threads) == one));
+}
+
+#[test]
+fn noise_makes_no_fold_and_no_crease_of_short_bits() {
+    let mut random = maquette::random::Random(5);
+    let ball = even(&ball(40), 0.7);
+    let noisy = ball.positions().iter().map(|p| p * (1.0 + 0.01 * (random.even() - 0.5)));
+    let noisy = ball.with_positions(noisy.collect()).unwrap();
+    for length in [0.5, 1.5, 6.0] {
+        even(&noisy, length);
+    }
+}

@@ -1,0 +1,133 @@
+use maquette::random::Random;
+use maquette::value::Faces;
+use nalgebra::Vector3;
+
+use super::*;
+use crate::shapes::{area, even_ball, fine_cube, sheet, volume};
+
+fn smoothed(mesh: &Mesh, length: f64, keep_borders: bool) -> Mesh {
+    smooth(mesh, length, keep_borders, &Progress::none()).unwrap()
+}
+
+fn noise(random: &mut Random) -> f64 {
+    // Of twelve even numbers: nearly normal, with the deviation 1.
+    (0..12).map(|_| random.even()).sum::<f64>() - 6.0
+}
+
+/// The deviation of a ball's vertices from the radius 10, root mean square.
+fn off(ball: &Mesh) -> f64 {
+    let squares =
+        ball.positions().iter().map(|p| (p.coords.norm() - 10.0) * (p.coords.norm() - 10.0));
+    (squares.sum::<f64>() / ball.positions().len() as f64).sqrt()
+}
+
+#[test]
+fn a_ball_loses_its_noise_and_keeps_its_volume() {
+    let ball = even_ball(5);
+    let mut random = Random(1);
+    let mut shake = |p: &Point3<f64>| p + p.coords.normalize() * (0.05 * noise(&mut random));
+    let noisy = ball.with_positions(ball.positions().iter().map(&mut shake).collect()).unwrap();
+    assert!(off(&noisy) > 0.049);
+    for length in [0.0, 6.0] {
+        let smooth = smoothed(&noisy, length, false);
+        assert!(off(&smooth) < off(&noisy) / 3.0, "{length}: {} {}", off(&noisy), off(&smooth));
+        let ratio = volume(&smooth) / volume(&ball);
+        assert!((ratio - 1.0).abs() < 5e-3, "{length}: {ratio}");
+    }
+    // As the description says: with the radius as length.
+    let ratio = volume(&smoothed(&ball, 10.0, false)) / volume(&ball);
+    assert!((0.99..1.0).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_plane_stays_a_plane_vertex_by_vertex() {
+    let flat = sheet(20, |x, y| 0.3 * x - y);
+    for keep_borders in [true, false] {
+        let smooth = smoothed(&flat, 3.0, keep_borders);
+        for (before, after) in flat.positions().iter().zip(smooth.positions().iter()) {
+            let along = Vector3::new(-0.3, 1.0, 1.0).normalize();
+            assert!((after - before).dot(&along).abs() < 1e-8);
+            if keep_borders {
+                assert!((after - before).norm() < 1e-6, "{before} {after}");
+            }
+        }
+    }
+}
+
+#[test]
+fn waves_keep_the_part_that_is_said() {
+    for (wave, kept) in [(10.0, 0.941), (5.0, 0.5), (2.5, 1.0 / 17.0)] {
+        // As many waves as fit, between quiet borders far away.
+        let turn = std::f64::consts::TAU / wave;
+        let sheet = sheet(80, |x, _| 0.01 * libm::cos(turn * 4.0 * x));
+        let wide = sheet.positions().iter().map(|p| Point3::new(4.0 * p.x, 4.0 * p.y, p.z));
+        let wide = sheet.with_positions(wide.collect()).unwrap();
+        let smooth = smoothed(&wide, 5.0, true);
+        let middle = |p: &Point3<f64>| (p.x - 20.0).abs() < 1e-9 && (p.y - 20.0).abs() < 1e-9;
+        let at = wide.positions().iter().position(middle).unwrap();
+        let found = smooth.positions()[at].z / wide.positions()[at].z;
+        assert!((found - kept).abs() < 0.03, "{wave}: {found} {kept}");
+    }
+}
+
+#[test]
+fn borders_and_creases_stay_or_are_smoothed_along_themselves() {
+    let cube = fine_cube(20);
+    let edges = cube.edges().vertices;
+    let is_side = |p: &Point3<f64>, axis: usize| (p[axis].abs() - 5.0).abs() < 1e-9;
+    let at = |vertex: u32| cube.positions()[vertex as usize];
+    let is_sharp = |ends: &&[u32; 2]| {
+        (0..3).filter(|&axis| ends.iter().all(|&end| is_side(&at(end), axis))).count() == 2
+    };
+    let sharp = edges.iter().filter(is_sharp).map(|&ends| (ends, 10.0));
+    let sharp = cube.clone().with_creases(Vec::from_iter(sharp)).unwrap();
+    for keep_borders in [true, false] {
+        let smooth = smoothed(&sharp, 2.0, keep_borders);
+        assert!((volume(&smooth) - 1000.0).abs() < 1e-5 && (area(&smooth) - 600.0).abs() < 1e-5);
+    }
+    // Without creases it becomes round.
+    assert!(area(&smoothed(&cube, 2.0, false)) < 599.0);
+
+    let mut random = Random(2);
+    let flat = sheet(40, |_, _| 0.0);
+    let shaken = flat.positions().iter().map(|p| p + Vector3::x() * (0.05 * noise(&mut random)));
+    let shaken = flat.with_positions(shaken.collect()).unwrap();
+    // Away from the corners, which become round.
+    let rough = |mesh: &Mesh| {
+        let left = mesh.positions().iter().step_by(41).skip(10).take(21).map(|p| p.x * p.x);
+        (left.sum::<f64>() / 21.0).sqrt()
+    };
+    assert_eq!(rough(&smoothed(&shaken, 3.0, true)), rough(&shaken));
+    assert!(rough(&smoothed(&shaken, 3.0, false)) < rough(&shaken) / 2.0);
+}
+
+#[test]
+fn odd_meshes_stay_sound() {
+    let run = |mesh: &Mesh, length| smooth(mesh, length, false, &Progress::none());
+    let places = Vec::from(
+        [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]].map(Point3::from),
+    );
+    let of =
+        |faces: &[[u32; 3]]| Mesh::new(places.clone(), Faces::triangles(faces.to_vec())).unwrap();
+    assert_eq!(run(&of(&[]), 0.0).unwrap(), of(&[]));
+    // Three faces at an edge, faces that look to different sides, and one that has no area.
+    for faces in [&[[0, 1, 2], [1, 0, 3], [0, 1, 4]][..], &[[0, 1, 2], [0, 1, 3]], &[[0, 1, 2]]] {
+        run(&of(faces), 1.0).unwrap();
+    }
+    let line = Mesh::new(vec![Point3::origin(); 3], Faces::triangles(vec![[0, 1, 2]])).unwrap();
+    assert_eq!(run(&line, 1.0).unwrap(), line);
+    for length in [-1.0, f64::NAN] {
+        assert!(matches!(run(&line, length), Err(SmoothError::Length(_))));
+    }
+}
+
+#[test]
+fn the_bytes_are_the_same_for_any_number_of_threads() {
+    let wave = sheet(120, |x, y| libm::sin(9.0 * x) * libm::cos(7.0 * y));
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| smoothed(&wave, 0.5, false))
+    };
+    let one = run(1);
+    assert!([2, 3, 8].iter().all(|&threads| run(threads) == one));
+}
