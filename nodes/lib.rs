@@ -3,8 +3,8 @@
 use maquette::Pack;
 
 pub use {
-    maquette_align as align, maquette_deform as deform, maquette_fill as fill,
-    maquette_image as image, maquette_mesh as mesh, maquette_nurbs as nurbs,
+    maquette_align as align, maquette_color as color, maquette_deform as deform,
+    maquette_fill as fill, maquette_image as image, maquette_mesh as mesh, maquette_nurbs as nurbs,
     maquette_range as range, maquette_scan as scan, maquette_solid as solid,
     maquette_subdivision as subdivision,
 };
@@ -21,4 +21,5 @@ pub static PACKS: &[&Pack] = &[
     &scan::PACK,
     &align::PACK,
     &solid::PACK,
+    &color::PACK,
 ];
