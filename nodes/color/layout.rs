@@ -19,7 +19,6 @@ mod segment;
 #[cfg(test)]
 mod tests;
 
-#[cfg(test)]
 pub(crate) use overlaps::overlap;
 
 /// How a surface is laid out in a square.
