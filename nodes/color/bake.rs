@@ -71,9 +71,10 @@ impl Node for Bake {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let pixels = (self.layout.size.min(SIZE.most) as f64) * self.layout.size as f64;
         let captures = self.captures.iter().map(|capture| cx.get(capture).size() as f64);
-        // Pixels while they are drawn, texels, and what each of two captures shows of them.
-        let bytes =
-            pixels * 120.0 + 4.0 * captures.sum::<f64>() + 20.0 * cx.get(&self.mesh).size() as f64;
+        // Pixels while they are drawn, texels, and what each capture shows of them.
+        let each = 100.0 + 36.0 * self.captures.len() as f64;
+        let meshes = 4.0 * captures.sum::<f64>() + 20.0 * cx.get(&self.mesh).size() as f64;
+        let bytes = pixels * each + meshes;
         Some(Estimate { bytes, help: SIZE.help })
     }
 
@@ -122,13 +123,16 @@ pub struct Baked {
 
 /// What captures show on a mesh with `uv` at its corners, in which each face has a part of the square for itself.
 ///
-/// A capture sees a texel if its own mesh is near and not turned away. It counts by the cube of the cosine at which it looks, by the
-/// square of its pixels per mm, and less near the border of what it saw: Callieri, Cignoni, Corsini and Scopigno, "Masked photo blending:
-/// mapping dense photographic data set on high-resolution sampled 3D models" (2008). Colors are mixed as light. How captures are
-/// made equal is told in `level.rs`.
+/// A capture sees a texel if the line from its camera meets its own mesh first near there. It counts by the cube of the cosine at which
+/// it looks, by the square of its pixels per mm, and less near the border of what it saw: Callieri, Cignoni, Corsini and Scopigno, "Masked
+/// photo blending: mapping dense photographic data set on high-resolution sampled 3D models" (2008). Colors are mixed as light. How
+/// captures are made equal is told in `level.rs`.
 ///
 /// # Errors
 /// If there are no captures, one has no picture or camera, or none sees anything.
+///
+/// # Panics
+/// If the mesh has no `uv` at its corners.
 pub fn bake(
     mesh: &Mesh,
     captures: &[&Mesh],

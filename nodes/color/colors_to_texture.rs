@@ -77,6 +77,9 @@ impl Node for ColorsToTexture {
 ///
 /// # Errors
 /// If it has no colors, or the evaluation is told to stop.
+///
+/// # Panics
+/// If it has no `uv` at its corners.
 pub fn colors_to_texture(
     mesh: &Mesh,
     size: usize,
