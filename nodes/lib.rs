@@ -3,10 +3,10 @@
 use maquette::Pack;
 
 pub use {
-    maquette_align as align, maquette_clean as clean, maquette_deform as deform,
-    maquette_fill as fill, maquette_image as image, maquette_mesh as mesh, maquette_nurbs as nurbs,
-    maquette_range as range, maquette_scan as scan, maquette_solid as solid,
-    maquette_subdivision as subdivision,
+    maquette_align as align, maquette_clean as clean, maquette_color as color,
+    maquette_deform as deform, maquette_fill as fill, maquette_image as image,
+    maquette_mesh as mesh, maquette_nurbs as nurbs, maquette_range as range, maquette_scan as scan,
+    maquette_solid as solid, maquette_subdivision as subdivision,
 };
 
 /// All built-in packs, in pipeline order.
@@ -22,4 +22,5 @@ pub static PACKS: &[&Pack] = &[
     &align::PACK,
     &solid::PACK,
     &clean::PACK,
+    &color::PACK,
 ];

@@ -19,6 +19,7 @@ use maquette::value::{
 };
 use maquette_nodes::align::{By, align};
 use maquette_nodes::clean::{Outliers, outliers, remesh};
+use maquette_nodes::color::{Layout, lay_out};
 use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
@@ -78,6 +79,12 @@ fn repeat(work: &str, folder: &Path) {
             serve(|| run().expect("two solids"), |united| united.faces().len() as f64);
         }
         "align" => aligned(folder),
+        "unwrap" => {
+            let mesh = mesh(folder, "bumpy");
+            let layout = Layout::default();
+            let run = || lay_out(&mesh, &layout, &Progress::none()).expect("a layout");
+            serve(run, |laid| laid.charts as f64);
+        }
         "reconstruct" => reconstructed(folder, "cloud", false),
         "reconstruct-normals" => reconstructed(folder, "cloud", true),
         "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),

@@ -34,7 +34,7 @@ DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
 # Installed by name, in the version of the peers' requirements.txt where that names one.
-PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d"]
+PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d", "xatlas"]
 RUNS_OF_A_PROCESS = 4
 
 
@@ -452,6 +452,34 @@ def meshlab_poisson(cloud, normals):
     return open_peer
 
 
+def xatlas_unwrap():
+    """Charts and packing as it does by itself, in a square of 1024 texels with 4 between charts."""
+    import numpy
+    import xatlas
+
+    places, faces = load("bumpy_v").astype(numpy.float32), load("bumpy_f")
+    options = xatlas.PackOptions()
+    options.resolution, options.padding = 1024, 4
+
+    def run():
+        atlas = xatlas.Atlas()
+        atlas.add_mesh(places, faces)
+        atlas.generate(xatlas.ChartOptions(), options)
+        return atlas
+
+    def used(atlas):
+        """The share of the square that triangles cover."""
+        _, corners, uv = atlas[0]
+        a, b, c = (uv[corners[:, k]] * [atlas.width, atlas.height] for k in range(3))
+        (p, q), (r, s) = (b - a).T, (c - a).T
+        share = numpy.abs(p * s - q * r).sum() / 2 / max(atlas.width, atlas.height) ** 2
+        return f"{atlas.chart_count} charts, {100 * share:.0f} % of the square"
+
+    peer = Peer("xatlas", run)
+    peer.note = used
+    return peer
+
+
 def off_torus(places):
     """Root mean square distance from the torus of `make_clouds`, in distances of its points."""
     import numpy
@@ -575,6 +603,7 @@ ROWS = [
     Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),
     Row("union of two balls of 81 920 triangles", "union", None, [manifold_union, manifold_union_of_meshes, meshlab_union]),
     Row("align two scans of 40 000 points, no hint", "align", 500, [open3d_align]),
+    Row("charts of 100 000 triangles", "unwrap", 5000, [xatlas_unwrap]),
     Row("skin of 100 000 points, noise of 1 %", "reconstruct", 2000, [open3d_poisson("cloud", False), meshlab_poisson("cloud", False)]),
     Row("skin of 100 000 points and normals, 1 %", "reconstruct-normals", 2000, [open3d_poisson("cloud", True), meshlab_poisson("cloud", True)]),
     Row("skin of 100 000 points without noise", "reconstruct-clean", 2000, [open3d_poisson("cloud_clean", False), meshlab_poisson("cloud_clean", False)]),
@@ -602,6 +631,8 @@ def make_inputs():
         make_balls()
     if not (DATA / "clean_v.npy").exists():
         make_rough()
+    if not (DATA / "bumpy_v.npy").exists():
+        make_bumpy()
     for name in ("bun000.ply", "bun045.ply"):
         (DATA / name).write_bytes((PEERS.parent / "data/real/stanford_bunny" / name).read_bytes())
     (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
@@ -677,6 +708,21 @@ def make_rough():
     near = numpy.concatenate([cloud, cloud + random.normal(size=cloud.shape) * 0.1])
     far = random.random((2000, 3)) * 200 - 100
     numpy.save(DATA / "scattered.npy", numpy.concatenate([near, far]))
+
+
+def make_bumpy():
+    """A torus with bumps, of 100 000 triangles."""
+    import numpy
+
+    rows, columns = 250, 200
+    i, j = (k.ravel() for k in numpy.mgrid[:rows, :columns])
+    u, v = 2 * numpy.pi * i / rows, 2 * numpy.pi * j / columns
+    round = 40 + (15 + 2 * numpy.sin(9 * u) * numpy.cos(7 * v)) * numpy.cos(v)
+    points = numpy.stack([round * numpy.cos(u), round * numpy.sin(u), (15 + 2 * numpy.sin(9 * u) * numpy.cos(7 * v)) * numpy.sin(v)], 1)
+    at = lambda a, b: a % rows * columns + b % columns
+    a, b, c, d = at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)
+    numpy.save(DATA / "bumpy_v.npy", points)
+    numpy.save(DATA / "bumpy_f.npy", numpy.concatenate([numpy.stack([a, b, c], 1), numpy.stack([a, c, d], 1)]).astype("<u4"))
 
 
 def wavy(width, height):

@@ -1,0 +1,345 @@
+//! A picture in which each place of a mesh has a place of its own: which texels show what.
+
+use maquette::value::{Attribute, Image, Mesh, Rgb};
+use maquette::{Cancelled, Progress};
+use nalgebra::Vector2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::layout::{Layout, LayoutError, lay_out, overlap};
+
+/// Which texture coordinates an atlas has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Coordinates {
+    /// The mesh's own, if each face has a part of the square from (0, 0) to (1, 1) for itself; otherwise new ones, as `Unwrap` makes them.
+    #[default]
+    Own,
+    /// New ones, as `Unwrap` makes them.
+    New,
+}
+
+/// The mesh with `uv` at its corners, in which each face has a part of the square for itself. If its own ones are wanted and do not fit,
+/// `doubt` is told why.
+///
+/// # Errors
+/// Those of [`lay_out`].
+pub(crate) fn with_atlas(
+    mesh: &Mesh,
+    coordinates: Coordinates,
+    layout: &Layout,
+    doubt: &dyn Fn(String),
+    progress: &Progress<'_>,
+) -> Result<Mesh, LayoutError> {
+    layout.check()?;
+    let own = (coordinates == Coordinates::Own).then(|| corner_uv(mesh)).flatten();
+    let Some(uv) = own else { return Ok(lay_out(mesh, layout, progress)?.mesh) };
+    match misfit(mesh, &uv) {
+        None => Ok(mesh.clone().without("uv").with_corner("uv", Attribute::Pair(uv.into()))?),
+        Some(why) => {
+            doubt(format!("the mesh gets new texture coordinates: in its own ones {why}"));
+            Ok(lay_out(mesh, layout, progress)?.mesh)
+        }
+    }
+}
+
+/// The texture coordinates of each corner.
+pub(crate) fn corner_uv(mesh: &Mesh) -> Option<Vec<[f64; 2]>> {
+    match mesh.corner().pairs("uv") {
+        Some(uv) => Some(uv.to_vec()),
+        None => {
+            let uv = mesh.vertex().pairs("uv")?;
+            Some(mesh.faces().corners().iter().map(|&vertex| uv[vertex as usize]).collect())
+        }
+    }
+}
+
+/// The corners of all triangles, polygons as fans, each with its face.
+pub(crate) fn fans(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
+    let faces = (0..mesh.faces().len()).flat_map(|face| {
+        let first = mesh.faces().first_corner(face) as u32;
+        let count = mesh.faces().face(face).len() as u32;
+        (1..count - 1).map(move |k| (face as u32, [first, first + k, first + k + 1]))
+    });
+    faces.collect()
+}
+
+/// So much smaller are triangles that are tested for overlaps: files round texture coordinates.
+const ROUNDED: f64 = 1e-3;
+
+/// Why texture coordinates are no atlas.
+fn misfit(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
+    let slack = -1e-6..=1.0 + 1e-6;
+    if let Some(out) = uv.iter().find(|uv| !uv.iter().all(|x| slack.contains(x))) {
+        return Some(format!(
+            "({}, {}) is not in the square from (0, 0) to (1, 1)",
+            out[0], out[1]
+        ));
+    }
+    let mut triangles = Vec::new();
+    let mut faces = Vec::new();
+    for (face, corners) in fans(mesh) {
+        let [a, b, c] = corners.map(|it| Vector2::from(uv[it as usize]));
+        let twice = (b - a).perp(&(c - a));
+        let place = |it: u32| mesh.positions()[mesh.faces().corners()[it as usize] as usize];
+        let [p, q, r] = corners.map(place);
+        if twice == 0.0 {
+            if (q - p).cross(&(r - p)).norm() > 0.0 {
+                return Some(format!("face {face} has no area"));
+            }
+            continue;
+        }
+        let middle = (a + b + c) / 3.0;
+        let [a, b, c] = [a, b, c].map(|it| it + (middle - it) * ROUNDED);
+        triangles.push(if twice > 0.0 { [a, b, c] } else { [a, c, b] });
+        faces.push(face);
+    }
+    let [a, b] = overlap(&triangles)?.map(|it| faces[it as usize]);
+    Some(format!("the faces {a} and {b} overlap"))
+}
+
+/// A texel that shows the surface.
+#[derive(Clone, Copy)]
+pub(crate) struct Texel {
+    /// Its place in the picture, row by row from the top.
+    pub(crate) pixel: u32,
+    /// The triangle among [`Texels::triangles`].
+    pub(crate) triangle: u32,
+    /// How far the second and the third corner of the triangle weigh.
+    shares: [f32; 2],
+    /// Whether its center lies on the surface.
+    pub(crate) is_inside: bool,
+}
+
+impl Texel {
+    /// How far each corner of its triangle weighs.
+    pub(crate) fn shares(&self) -> [f64; 3] {
+        let [b, c] = self.shares.map(f64::from);
+        [1.0 - b - c, b, c]
+    }
+}
+
+/// All texels that show the surface.
+pub(crate) struct Texels {
+    /// Width and height of the picture.
+    pub(crate) size: usize,
+    /// The corners of triangles, as places among those of all faces.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Row by row from the top. A texel whose center lies beside the surface, where interpolation needs it, shows the nearest place.
+    pub(crate) texels: Vec<Texel>,
+}
+
+/// So far from a triangle, in texels, are those that interpolation needs.
+const BESIDE: f64 = 1.5;
+
+/// No triangle.
+const NONE: u32 = u32::MAX;
+
+impl Texels {
+    /// The texels of a mesh with `uv` at its corners.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(crate) fn new(
+        mesh: &Mesh,
+        [width, height]: [usize; 2],
+        progress: &Progress<'_>,
+    ) -> Result<Self, Cancelled> {
+        let uv = mesh.corner().pairs("uv").expect("texture coordinates");
+        let size = [width as f64, height as f64];
+        let triangles = Vec::from_iter(fans(mesh).into_iter().map(|it| it.1));
+        let corners = |triangle: &[u32; 3]| {
+            triangle.map(|it| {
+                Vector2::new(uv[it as usize][0] * size[0], (1.0 - uv[it as usize][1]) * size[1])
+            })
+        };
+        let mut nearest = vec![(NONE, f32::INFINITY); width * height];
+        let mut since = 0;
+        for (number, triangle) in (0u32..).zip(&triangles) {
+            let corners = corners(triangle);
+            let [a, b, c] = corners;
+            let range = |axis: usize, most: usize| {
+                let low = a[axis].min(b[axis]).min(c[axis]) - BESIDE - 0.5;
+                let high = a[axis].max(b[axis]).max(c[axis]) + BESIDE - 0.5;
+                low.ceil().clamp(0.0, most as f64) as usize
+                    ..((high + 1.0).floor().clamp(0.0, most as f64) as usize)
+            };
+            let columns = range(0, width);
+            for row in range(1, height) {
+                since += columns.len();
+                for column in columns.clone() {
+                    let center = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+                    let distance = (foot(corners, center).0 - center).norm();
+                    let pixel = &mut nearest[row * width + column];
+                    if distance <= BESIDE && (distance as f32) < pixel.1 {
+                        *pixel = (number, distance as f32);
+                    }
+                }
+                if since > 100_000 {
+                    since = 0;
+                    progress.tick(f64::from(number) / triangles.len() as f64)?;
+                }
+            }
+        }
+        let mut texels = Vec::new();
+        for (pixel, &(triangle, distance)) in nearest.iter().enumerate().filter(|it| it.1.0 != NONE)
+        {
+            let center = Vector2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let shares = foot(corners(&triangles[triangle as usize]), center).1;
+            texels.push(Texel {
+                pixel: pixel as u32,
+                triangle,
+                shares: shares.map(|x| x as f32),
+                is_inside: distance == 0.0,
+            });
+        }
+        Ok(Self { size: width, triangles, texels })
+    }
+
+    /// The picture of these colors, one for each texel; between charts those of what is nearest go on, so that no smaller copy of the picture
+    /// mixes in others.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(crate) fn picture(
+        &self,
+        colors: &[Rgb],
+        progress: &Progress<'_>,
+    ) -> Result<Image, Cancelled> {
+        let size = self.size;
+        let mut pixels = vec![[0; 3]; size * size];
+        let mut is_known = vec![false; size * size];
+        for (texel, color) in self.texels.iter().zip(colors) {
+            pixels[texel.pixel as usize] = *color;
+            is_known[texel.pixel as usize] = true;
+        }
+        let around = |pixel: usize| {
+            let (column, row) = (pixel % size, pixel / size);
+            let columns = column.saturating_sub(1)..(column + 2).min(size);
+            let rows = row.saturating_sub(1)..(row + 2).min(size);
+            rows.flat_map(move |row| columns.clone().map(move |column| row * size + column))
+        };
+        let mut is_listed = is_known.clone();
+        let mut layer = Vec::from_iter(self.texels.iter().map(|texel| texel.pixel as usize));
+        while !layer.is_empty() {
+            progress.check()?;
+            let mut next = Vec::new();
+            for pixel in layer.into_iter().flat_map(around) {
+                if !std::mem::replace(&mut is_listed[pixel], true) {
+                    next.push(pixel);
+                }
+            }
+            for &pixel in &next {
+                let (mut sum, mut count) = ([0u32; 3], 0);
+                for other in around(pixel).filter(|&other| is_known[other]) {
+                    (0..3).for_each(|k| sum[k] += u32::from(pixels[other][k]));
+                    count += 1;
+                }
+                pixels[pixel] = sum.map(|sum| ((sum + count / 2) / count) as u8);
+            }
+            next.iter().for_each(|&pixel| is_known[pixel] = true);
+            layer = next;
+        }
+        Ok(Image::new(size, size, pixels).expect("a color for each pixel"))
+    }
+}
+
+/// The nearest place of a triangle, and how far its second and third corner weigh there.
+fn foot([a, b, c]: [Vector2<f64>; 3], at: Vector2<f64>) -> (Vector2<f64>, [f64; 2]) {
+    let twice = (b - a).perp(&(c - a));
+    let (s, t) = ((at - a).perp(&(c - a)) / twice, (b - a).perp(&(at - a)) / twice);
+    if 0.0 <= s && 0.0 <= t && s + t <= 1.0 {
+        return (at, [s, t]);
+    }
+    // On a side, which is the nearest one.
+    let sides = [
+        (a, b, [0.0, 0.0], [1.0, 0.0]),
+        (b, c, [1.0, 0.0], [0.0, 1.0]),
+        (c, a, [0.0, 1.0], [0.0, 0.0]),
+    ];
+    let feet = sides.map(|(from, to, start, end)| {
+        let side: Vector2<f64> = to - from;
+        let along = ((at - from).dot(&side) / side.norm_squared()).clamp(0.0, 1.0);
+        let along = if along.is_nan() { 0.0 } else { along };
+        (from + side * along, [0, 1].map(|k| start[k] + (end[k] - start[k]) * along))
+    });
+    let distance = |foot: &(Vector2<f64>, [f64; 2])| (foot.0 - at).norm_squared();
+    feet.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("three sides")
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Faces;
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A square from (.25, .25) to (.75, .75) of the picture.
+    fn square(low: f64, high: f64) -> Mesh {
+        let corners = [[low, low], [high, low], [high, high], [low, high]];
+        let places = corners.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+        let mesh = Mesh::new(places, Faces::uniform(4, vec![0, 1, 2, 3]).unwrap()).unwrap();
+        mesh.with_corner("uv", Attribute::Pair(corners.to_vec().into())).unwrap()
+    }
+
+    #[test]
+    fn texels_show_their_places() {
+        let texels = Texels::new(&square(0.25, 0.75), [8, 8], &Progress::none()).unwrap();
+        assert_eq!(texels.texels.iter().filter(|it| it.is_inside).count(), 16);
+        // For interpolation two rows around them, without the outer corners.
+        assert_eq!(texels.texels.len(), 16 + 20 + 16);
+        let mesh = square(0.25, 0.75);
+        for texel in &texels.texels {
+            let (column, row) = (texel.pixel % 8, texel.pixel / 8);
+            let corners = texels.triangles[texel.triangle as usize];
+            let places = corners
+                .map(|it| mesh.positions()[mesh.faces().corners()[it as usize] as usize].coords);
+            let shares = texel.shares();
+            let place = places[0] * shares[0] + places[1] * shares[1] + places[2] * shares[2];
+            let center = |k: u32| ((f64::from(k) + 0.5) / 8.0).clamp(0.25, 0.75);
+            assert!(
+                (place.x - center(column)).abs() < 1e-6 && (place.y - center(7 - row)).abs() < 1e-6
+            );
+        }
+    }
+
+    #[test]
+    fn colors_go_on_between_charts() {
+        let texels = Texels::new(&square(0.25, 0.75), [32, 32], &Progress::none()).unwrap();
+        let picture =
+            texels.picture(&vec![[9, 8, 7]; texels.texels.len()], &Progress::none()).unwrap();
+        assert!(picture.pixels().iter().all(|pixel| *pixel == [9, 8, 7]));
+    }
+
+    #[test]
+    fn own_coordinates_count_only_if_they_are_an_atlas() {
+        let told = |mesh: &Mesh| {
+            let doubts = std::cell::RefCell::new(Vec::new());
+            let doubt = |text| doubts.borrow_mut().push(text);
+            let found =
+                with_atlas(mesh, Coordinates::Own, &Layout::default(), &doubt, &Progress::none())
+                    .unwrap();
+            assert_eq!(
+                doubts.borrow().is_empty(),
+                corner_uv(mesh).is_none_or(|own| Some(own) == corner_uv(&found))
+            );
+            doubts.borrow().join("; ")
+        };
+        assert_eq!(told(&square(0.25, 0.75)), "");
+        assert_eq!(told(&square(0.25, 0.75).without("uv")), "");
+        let text = "the mesh gets new texture coordinates: in its own ones";
+        assert_eq!(
+            told(&square(0.25, 1.5)),
+            format!("{text} (1.5, 0.25) is not in the square from (0, 0) to (1, 1)")
+        );
+        let with = |uv: [[f64; 2]; 4]| {
+            square(0.0, 1.0).with_corner("uv", Attribute::Pair(uv.to_vec().into())).unwrap()
+        };
+        assert_eq!(told(&with([[0.5; 2]; 4])), format!("{text} face 0 has no area"));
+        assert_eq!(
+            told(&with([[0., 0.], [1., 0.], [1., 1.], [0.9, 0.1]])),
+            format!("{text} the faces 0 and 0 overlap")
+        );
+        // Mirrored is no fault.
+        assert_eq!(told(&with([[0., 0.], [0., 1.], [1., 1.], [1., 0.]])), "");
+    }
+}

@@ -1,0 +1,117 @@
+//! Where a camera sees places.
+
+use maquette::value::{Mesh, Pinhole};
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, SMatrix, SVector, Vector2, Vector3, Vector4};
+
+use super::super::atlas::corner_uv;
+
+/// A camera by its matrix: a place `x` is seen at the pixel `P (x, 1)`, whose third number is its depth.
+pub(super) struct Camera {
+    matrix: Matrix3x4<f64>,
+    /// Its place, times its last number; 0 there for one that is infinitely far away.
+    center: Vector4<f64>,
+}
+
+/// A camera found by texture coordinates sees vertices off by so many pixels at most, as root mean square.
+const MOST_OFF: f64 = 2.0;
+
+/// So many vertices are enough to find a camera.
+const ENOUGH: usize = 3000;
+
+/// Below this share of the largest eigenvalue the second smallest one is nothing.
+const NOTHING: f64 = 1e-11;
+
+impl Camera {
+    /// A pinhole that has moved with what it saw.
+    pub(super) fn moved(pinhole: &Pinhole, motion: &Matrix4<f64>) -> Option<Self> {
+        let Pinhole { focal, center } = pinhole;
+        let own = Matrix3::new(focal[0], 0.0, center[0], 0.0, focal[1], center[1], 0.0, 0.0, 1.0);
+        let back = motion.try_inverse()?;
+        Some(Self::of(own * back.fixed_rows::<3>(0)))
+    }
+
+    /// The camera that sees each vertex where it lies on the picture of `size` pixels.
+    ///
+    /// The direct linear transformation: Abdel-Aziz and Karara, "Direct linear transformation from comparator coordinates into object
+    /// space coordinates in close-range photogrammetry" (1971), with places and pixels brought to the same size before, as Hartley, "In
+    /// defense of the eight-point algorithm" (1997), shows is needed.
+    ///
+    /// # Errors
+    /// If the vertices do not tell the camera; the text says why.
+    pub(super) fn found(mesh: &Mesh, size: [usize; 2]) -> Result<Self, String> {
+        let uv = corner_uv(mesh).ok_or("there are none")?;
+        let corners = mesh.faces().corners();
+        let step = corners.len().div_ceil(ENOUGH).max(1);
+        let size = size.map(|size| size as f64);
+        let pairs = (0..corners.len()).step_by(step).map(|corner| {
+            let [u, v] = uv[corner];
+            let pixel = Vector2::new(u * size[0] - 0.5, (1.0 - v) * size[1] - 0.5);
+            (mesh.positions()[corners[corner] as usize].coords, pixel)
+        });
+        let pairs = Vec::from_iter(pairs);
+        let count = pairs.len() as f64;
+        let place = pairs.iter().map(|it| it.0).sum::<Vector3<f64>>() / count;
+        let pixel = pairs.iter().map(|it| it.1).sum::<Vector2<f64>>() / count;
+        let far =
+            (pairs.iter().map(|it| (it.0 - place).norm_squared()).sum::<f64>() / count).sqrt();
+        let wide =
+            (pairs.iter().map(|it| (it.1 - pixel).norm_squared()).sum::<f64>() / count).sqrt();
+        if !(0.0 < far && 0.0 < wide && (far + wide).is_finite()) {
+            return Err("all vertices are in one place".into());
+        }
+        let mut squares = SMatrix::<f64, 12, 12>::zeros();
+        for (at, seen) in &pairs {
+            let (at, seen) = ((at - place) / far, (seen - pixel) / wide);
+            for axis in 0..2 {
+                let mut row = SVector::<f64, 12>::zeros();
+                row.fixed_rows_mut::<4>(4 * axis).copy_from(&at.push(1.0));
+                row.fixed_rows_mut::<4>(8).copy_from(&(at.push(1.0) * -seen[axis]));
+                squares += row * row.transpose();
+            }
+        }
+        let eigen = squares
+            .try_symmetric_eigen(f64::EPSILON, 10_000)
+            .ok_or("their equations have no solution")?;
+        let mut order = Vec::from_iter(0..12);
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        if eigen.eigenvalues[order[1]] < NOTHING * eigen.eigenvalues[order[11]] {
+            return Err("all vertices lie in a plane".into());
+        }
+        let best = eigen.eigenvectors.column(order[0]).into_owned();
+        let own = Matrix3x4::from_row_slice(best.as_slice());
+        let to_pixels = Matrix3::new(wide, 0.0, pixel.x, 0.0, wide, pixel.y, 0.0, 0.0, 1.0);
+        let from_places = Matrix4::new_scaling(1.0 / far) * Matrix4::new_translation(&-place);
+        let camera = Self::of(to_pixels * own * from_places);
+        let off = pairs.iter().map(|(at, seen)| match camera.pixel(Point3::from(*at)) {
+            Some(pixel) => (Vector2::from(pixel) - seen).norm_squared(),
+            None => f64::INFINITY,
+        });
+        let off = (off.sum::<f64>() / count).sqrt();
+        match off <= MOST_OFF {
+            true => Ok(camera),
+            false => {
+                Err(format!("no camera sees them there: the best one is off by {off:.1} pixels"))
+            }
+        }
+    }
+
+    fn of(matrix: Matrix3x4<f64>) -> Self {
+        // What the matrix makes nothing of: the determinants without each column in turn.
+        let without = |k: usize| matrix.remove_column(k).determinant();
+        let center = Vector4::new(without(0), -without(1), without(2), -without(3));
+        Self { matrix, center: center / center.amax() }
+    }
+
+    /// The pixel (column, row) at which it sees a place; none for one in its own plane.
+    pub(super) fn pixel(&self, place: Point3<f64>) -> Option<[f64; 2]> {
+        let [x, y, z] = (self.matrix * place.to_homogeneous()).into();
+        let pixel = [x / z, y / z];
+        pixel.iter().all(|x| x.is_finite()).then_some(pixel)
+    }
+
+    /// Towards the camera from a place, or away from it: the same for all places.
+    pub(super) fn towards(&self, place: Point3<f64>) -> Vector3<f64> {
+        let direction = self.center.xyz() - place.coords * self.center.w;
+        direction.try_normalize(0.0).unwrap_or_default()
+    }
+}

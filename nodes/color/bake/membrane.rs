@@ -1,0 +1,93 @@
+//! Values that change slowly over a surface.
+
+use maquette::value::Mesh;
+use maquette::{Cancelled, Progress};
+use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use maquette_base::topology::lists::Lists;
+
+/// How the vertices of a mesh hang together, for values at them that are as smooth as they can be.
+pub(super) struct Membrane {
+    /// The neighbors of each vertex, and how strongly each pulls: the cotangent weights of Pinkall and Polthier, "Computing discrete minimal
+    /// surfaces and their conjugates" (1993), with a least one, so that all pull.
+    links: Vec<Vec<(u32, f64)>>,
+    /// The surface around each vertex, in mm^2.
+    pub(super) areas: Vec<f64>,
+    /// The diagonal of the mesh's box, in mm.
+    pub(super) extent: f64,
+}
+
+/// The least pull of an edge; in a regular net it is 1 / sqrt 3.
+const LEAST_PULL: f64 = 0.05;
+
+/// The most, for triangles that are nearly lines.
+const MOST_PULL: f64 = 20.0;
+
+impl Membrane {
+    pub(super) fn new(mesh: &Mesh) -> Self {
+        let count = mesh.positions().len();
+        let mut areas = vec![0.0; count];
+        let triangles = mesh
+            .faces()
+            .iter()
+            .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
+        let triangles = Vec::from_iter(triangles);
+        let mut pulls = Vec::with_capacity(3 * triangles.len());
+        for triangle in &triangles {
+            let at = triangle.map(|it| mesh.positions()[it as usize]);
+            let twice = (at[1] - at[0]).cross(&(at[2] - at[0])).norm();
+            for k in 0..3 {
+                let [own, next, last] = [k, (k + 1) % 3, (k + 2) % 3];
+                let cotangent = (at[next] - at[own]).dot(&(at[last] - at[own])) / twice;
+                let pull = if cotangent.is_nan() {
+                    LEAST_PULL
+                } else {
+                    cotangent.clamp(LEAST_PULL, MOST_PULL)
+                };
+                pulls.push(([triangle[next], triangle[last]], pull / 2.0));
+                areas[triangle[own] as usize] += twice / 6.0;
+            }
+        }
+        let both = || pulls.iter().flat_map(|&([a, b], pull)| [(a, (b, pull)), (b, (a, pull))]);
+        let lists = Lists::group(count, both);
+        let links = (0..count).map(|own| {
+            let mut row = lists.of(own).to_vec();
+            row.sort_by_key(|it| it.0);
+            let merged =
+                row.chunk_by(|a, b| a.0 == b.0).map(|it| (it[0].0, it.iter().map(|it| it.1).sum()));
+            merged.collect()
+        });
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        Self { links: links.collect(), areas, extent: (high - low).norm() }
+    }
+
+    /// The smoothest values: the least of `sum pull (x - y)^2` over edges plus `sum spring (x - value)^2` over vertices. Nothing if no
+    /// spring holds a part of the mesh.
+    pub(super) fn solve(
+        &self,
+        springs: &[f64],
+        values: &[[f64; 3]],
+        progress: &Progress<'_>,
+    ) -> Result<Option<Vec<[f64; 3]>>, Cancelled> {
+        let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
+        let mut own = vec![0.0; springs.len()];
+        for (vertex, links) in self.links.iter().enumerate() {
+            let sum: f64 = links.iter().map(|it| it.1).sum();
+            // A vertex of no face has any value.
+            own[vertex] =
+                if links.is_empty() && springs[vertex] == 0.0 { 1.0 } else { springs[vertex] };
+            matrix.indices.push(vertex as u32);
+            matrix.entries.push(sum + own[vertex]);
+            matrix.indices.extend(links.iter().map(|it| it.0));
+            matrix.entries.extend(links.iter().map(|it| -it.1));
+            matrix.starts.push(matrix.indices.len() as u32);
+        }
+        let order =
+            Dissection::new(Links { starts: &matrix.starts, neighbors: &matrix.indices }, 1);
+        let Some(factors) = Cholesky::ordered(&matrix, &order, progress)? else { return Ok(None) };
+        let mut right = Vec::from_iter(
+            values.iter().zip(&own).map(|(value, spring)| value.map(|x| x * spring)),
+        );
+        factors.solve(&mut right);
+        Ok(Some(right))
+    }
+}

@@ -1,0 +1,274 @@
+use std::f64::consts::{PI, TAU};
+
+use maquette::value::{Attribute, CaptureFrame, Faces, Pinhole};
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Vector3};
+
+use super::super::light::{channel, light};
+use super::camera::Camera;
+use super::*;
+
+/// The radius of the ball that all cameras look at, in mm.
+const RADIUS: f64 = 20.0;
+
+/// The light of the ball's paint at a place in the world.
+fn paint(place: Point3<f64>) -> [f64; 3] {
+    let wave = |x: f64| 0.25 + 0.15 * libm::sin(x / 4.0);
+    [wave(place.x), wave(place.y + 3.0), wave(place.z - 5.0)]
+}
+
+/// A ball in the world: rows of latitude, with a small hole at each pole.
+fn ball() -> Mesh {
+    let (n, m) = (96u32, 48u32);
+    let places = (0..n * (m + 1)).map(|k| {
+        let (s, c) = libm::sincos(TAU * f64::from(k % n) / f64::from(n));
+        let (t, d) = libm::sincos(PI * (f64::from(k / n) / f64::from(m) * 0.98 + 0.01));
+        Point3::new(RADIUS * t * c, -RADIUS * d, -RADIUS * t * s)
+    });
+    let faces = (0..n * m).flat_map(|k| {
+        let at = |i: u32, j: u32| (k / n + j) * n + (k % n + i) % n;
+        [[at(0, 0), at(1, 0), at(1, 1)], [at(0, 0), at(1, 1), at(0, 1)]]
+    });
+    Mesh::new(places.collect::<Vec<_>>(), Faces::triangles(faces.collect())).unwrap()
+}
+
+/// What a camera sees that is turned about y by this angle and looks at the ball from 150 mm, in front of a wall far behind it. Its light
+/// is multiplied by `exposure`, and by up to `slope` more or less from left to right.
+fn shot(degrees: f64, exposure: [f64; 3], slope: f64) -> Mesh {
+    let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), degrees.to_radians());
+    // The camera looks along its z and has y down; so it is turned over, then back by its distance, then round the ball.
+    let over = Rotation3::from_axis_angle(&Vector3::x_axis(), PI);
+    let pose = Isometry3::from_parts(Translation3::identity(), (turn * over).into())
+        * Translation3::new(0.0, 0.0, -150.0);
+    let (size, cells) = ([160_usize; 2], 80_u32);
+    let pinhole = Pinhole { focal: [480.0; 2], center: [79.5; 2] };
+    let hit = |pixel: [f64; 2]| {
+        let ray = pinhole.unproject(pixel, 1.0).coords.normalize();
+        let center = Vector3::new(0.0, 0.0, 150.0);
+        let along = ray.dot(&center);
+        let below = along * along - center.norm_squared() + RADIUS * RADIUS;
+        (below > 0.0).then(|| Point3::from(ray * (along - below.sqrt())))
+    };
+    let color = |k: usize| {
+        let pixel = [k % size[0], k / size[0]].map(|x| x as f64);
+        let Some(place) = hit(pixel) else { return [255, 0, 255] };
+        let light = paint(pose * place);
+        let bright = 1.0 + slope * (pixel[0] / 80.0 - 1.0);
+        color_of([0, 1, 2].map(|channel| light[channel] * exposure[channel] * bright))
+    };
+    let picture =
+        Image::new(size[0], size[1], (0..size[0] * size[1]).map(color).collect::<Vec<_>>());
+    let grid = Vec::from_iter((0..cells * cells).map(|k| {
+        let pixel = [k % cells, k / cells].map(|x| 2.0 * f64::from(x) + 0.5);
+        (hit(pixel), pixel.map(|x| (x + 0.5) / 160.0))
+    }));
+    let quads = (0..cells * (cells - 1)).filter(|k| k % cells + 1 < cells);
+    let quads = quads.map(|a| [a, a + cells, a + cells + 1, a + 1]);
+    let quads = quads.filter(|quad| quad.iter().all(|&it| grid[it as usize].0.is_some()));
+    let quads = Vec::from_iter(quads.flatten());
+    // Cells without a face are left out by `select`.
+    let places = grid.iter().map(|it| it.0.unwrap_or_default()).collect::<Vec<_>>();
+    let uv = grid.iter().map(|it| [it.1[0], 1.0 - it.1[1]]).collect::<Vec<_>>();
+    let mesh = Mesh::new(places, Faces::uniform(4, quads).unwrap()).unwrap();
+    let mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap();
+    let all = Vec::from_iter(0..mesh.faces().len() as u32);
+    let frame = CaptureFrame {
+        camera: Some(pinhole),
+        picture: size,
+        depth: 135.0,
+        world_from_camera: Some(pose.to_homogeneous()),
+    };
+    mesh.select(&all).with_texture(Some(picture.unwrap())).with_frame(Some(frame))
+}
+
+fn baked(captures: &[Mesh], level: Level) -> Baked {
+    let layout = Layout { size: 256, ..Layout::default() };
+    let mesh = lay_out(&ball(), &layout);
+    let how = Baking { level, ..Baking::default() };
+    bake(&mesh, &Vec::from_iter(captures), 256, &how, &Progress::none()).unwrap()
+}
+
+fn lay_out(mesh: &Mesh, layout: &Layout) -> Mesh {
+    with_atlas(mesh, Coordinates::New, layout, &|_| (), &Progress::none()).unwrap()
+}
+
+/// How far the colors of texels that are seen are from the paint, times one factor for each channel, in levels.
+fn off(baked: &Baked) -> f64 {
+    let texels = Texels::new(&baked.mesh, [256; 2], &Progress::none()).unwrap();
+    let spots = Spot::of_all(&baked.mesh, &texels);
+    let seen =
+        texels.texels.iter().zip(&spots).filter(|it| baked.mask.pixels()[it.0.pixel as usize] == 0);
+    let seen = Vec::from_iter(seen);
+    let light_at = |pixel: u32| baked.picture.pixels()[pixel as usize].map(|x| light(f64::from(x)));
+    let factors = [0, 1, 2].map(|k| {
+        let (sum, own) = seen.iter().fold((0.0, 0.0), |(sum, own), (texel, spot)| {
+            (sum + light_at(texel.pixel)[k], own + paint(spot.place)[k])
+        });
+        sum / own
+    });
+    let square = |(texel, spot): &(&super::super::atlas::Texel, &Spot)| {
+        let wanted = [0, 1, 2].map(|k| channel(paint(spot.place)[k] * factors[k]));
+        let found = baked.picture.pixels()[texel.pixel as usize].map(f64::from);
+        (0..3).map(|k| (found[k] - wanted[k]) * (found[k] - wanted[k])).sum::<f64>() / 3.0
+    };
+    (seen.iter().map(square).sum::<f64>() / seen.len() as f64).sqrt()
+}
+
+const EQUAL: [f64; 3] = [1.0; 3];
+
+#[test]
+fn equal_captures_give_the_paint() {
+    let captures = [0.0, 90.0, 180.0, 270.0].map(|angle| shot(angle, EQUAL, 0.0));
+    let baked = baked(&captures, Level::None);
+    assert!(off(&baked) < 1.5, "{}", off(&baked));
+    // All but the poles is seen.
+    assert!(0.0 < baked.unseen && baked.unseen < 0.12, "{}", baked.unseen);
+    assert!(baked.steps[0] < 1.5, "{:?}", baked.steps);
+}
+
+#[test]
+fn captures_of_other_exposure_and_light_are_made_equal() {
+    let exposures = [[1.0, 0.8, 1.3], [0.7, 1.0, 1.0], [1.4, 1.2, 0.8], [1.0, 1.0, 1.0]];
+    let shots = |slope: f64| {
+        let angles = [0.0, 90.0, 180.0, 270.0].into_iter().zip(exposures);
+        Vec::from_iter(angles.map(|(angle, exposure)| shot(angle, exposure, slope)))
+    };
+    let exposed = shots(0.0);
+    let plain = baked(&exposed, Level::None);
+    assert!(10.0 < off(&plain) && 15.0 < plain.steps[1], "{} {:?}", off(&plain), plain.steps);
+    for level in [Level::Exposure, Level::Smooth] {
+        let leveled = baked(&exposed, level);
+        assert!(
+            off(&leveled) < 2.0 && leveled.steps[1] < 2.0,
+            "{} {:?}",
+            off(&leveled),
+            leveled.steps
+        );
+    }
+    // A lamp at the camera's side: no factor makes captures equal, but a field does.
+    let lit = shots(0.4);
+    let [exposure, smooth] =
+        [Level::Exposure, Level::Smooth].map(|level| baked(&lit, level).steps[1]);
+    assert!(20.0 < exposure && smooth < 6.0, "{exposure} {smooth}");
+}
+
+#[test]
+fn a_moved_capture_tells_its_camera_by_its_texture_coordinates() {
+    let known = shot(30.0, EQUAL, 0.0);
+    let frame = known.frame().copied().unwrap();
+    let motion = frame.world_from_camera.unwrap();
+    let places = known.positions().iter().map(|at| motion.transform_point(at)).collect();
+    let moved = known.with_positions(places).unwrap().with_frame(None);
+    let found = Camera::found(&moved, [160; 2]).unwrap();
+    let given = Camera::moved(&frame.camera.unwrap(), &motion).unwrap();
+    for place in moved.positions().iter() {
+        let [a, b] = [&found, &given].map(|it| it.pixel(*place).unwrap());
+        assert!((0..2).all(|k| (a[k] - b[k]).abs() < 1e-6), "{a:?} {b:?}");
+        assert!((found.towards(*place).dot(&given.towards(*place)).abs() - 1.0).abs() < 1e-9);
+    }
+    let [a, b] = [known, moved].map(|it| baked(&[it], Level::None));
+    let differ = a.picture.pixels().iter().zip(b.picture.pixels()).filter(|(a, b)| a != b).count();
+    assert!(differ < 100, "{differ}");
+}
+
+#[test]
+fn what_is_not_seen_has_the_colors_around_it() {
+    let front = baked(&[shot(0.0, EQUAL, 0.0)], Level::Smooth);
+    assert!((0.5..0.75).contains(&front.unseen), "{}", front.unseen);
+    // Nothing of what is behind the ball, and nothing darker or lighter than the paint.
+    let range = [0.1, 0.4].map(channel);
+    for pixel in front.picture.pixels() {
+        assert!(
+            pixel.iter().all(|&x| (range[0] - 2.0..range[1] + 2.0).contains(&f64::from(x))),
+            "{pixel:?}"
+        );
+    }
+    // Across the edge of what is seen there is no step: neighbors in the atlas are near.
+    let flags = front.mask.pixels();
+    let texels = Texels::new(&front.mesh, [256; 2], &Progress::none()).unwrap();
+    let shown = Vec::from_iter(
+        (0..256 * 256).map(|k| texels.texels.binary_search_by_key(&k, |it| it.pixel).is_ok()),
+    );
+    let pairs = (0..256 * 256 - 1)
+        .filter(|&k| k % 256 < 255 && shown[k] && shown[k + 1] && flags[k] != flags[k + 1]);
+    let step = |k: usize| {
+        (0..3)
+            .map(|c| front.picture.pixels()[k][c].abs_diff(front.picture.pixels()[k + 1][c]))
+            .max()
+    };
+    let steps = Vec::from_iter(pairs.filter_map(step));
+    assert!(steps.len() > 50 && steps.iter().all(|&step| step < 20), "{:?}", steps.iter().max());
+}
+
+#[test]
+fn the_picture_is_the_same_on_any_number_of_threads() {
+    let captures = [shot(0.0, EQUAL, 0.2), shot(60.0, [0.8; 3], 0.0)];
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| baked(&captures, Level::Smooth).picture)
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn poses_bring_captures_to_the_mesh_where_it_lies() {
+    let capture = shot(70.0, EQUAL, 0.0);
+    let own = capture.clone().with_texture(None);
+    let layout = Layout { size: 128, ..Layout::default() };
+    let run = |mesh: &Mesh, poses: Poses| {
+        let mesh = lay_out(mesh, &layout);
+        let how = Baking { poses, ..Baking::default() };
+        bake(&mesh, &[&capture], 128, &how, &Progress::none()).map(|it| it.unseen)
+    };
+    // The mesh in the frame of the camera, where a tenth of half a ball is seen at less than 6 degrees, and in the world.
+    let in_world = ball();
+    assert!(run(&own, Poses::Auto).unwrap() < 0.15 && run(&own, Poses::Ignore).unwrap() < 0.15);
+    assert!(run(&in_world, Poses::Auto).unwrap() < 0.75);
+    let text = run(&in_world, Poses::Ignore).unwrap_err().to_string();
+    let expected = "none of the 1 captures sees anything of the mesh: its vertices are 1";
+    assert!(text.starts_with(expected), "{text}");
+}
+
+#[test]
+fn what_cannot_be_baked_is_told_why() {
+    let mesh = lay_out(&ball(), &Layout { size: 64, ..Layout::default() });
+    let told = |captures: &[&Mesh], how: Baking| {
+        bake(&mesh, captures, 64, &how, &Progress::none()).unwrap_err().to_string()
+    };
+    let how = Baking::default();
+    assert_eq!(
+        told(&[], how),
+        "the list `captures` is empty: there is nothing to take colors from"
+    );
+    let good = shot(0.0, EQUAL, 0.0);
+    let bare = good.clone().with_texture(None);
+    assert_eq!(
+        told(&[&good, &bare], how),
+        "capture 2 has no picture: give it its picture by `Texture`"
+    );
+    let lost = good.clone().with_frame(None);
+    assert_eq!(
+        told(&[&lost.clone().without("uv")], how),
+        "the camera of capture 1 is not known, and its texture coordinates do not tell it (there are none): give a camera file, or leave the \
+         capture where it was taken"
+    );
+    let flat = lost
+        .with_positions(good.positions().iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect())
+        .unwrap();
+    assert!(told(&[&flat], how).contains("(all vertices lie in a plane)"));
+    let curled = good
+        .positions()
+        .iter()
+        .map(|p| Point3::new(p.x + 5.0 * libm::sin(p.y), p.y, p.z))
+        .collect();
+    let curled = good.clone().with_frame(None).with_positions(curled).unwrap();
+    assert!(told(&[&curled], how).contains("the best one is off by"), "{}", told(&[&curled], how));
+    let apply = Baking { poses: Poses::Apply, ..how };
+    let nowhere = good.clone().with_frame(None);
+    assert!(told(&[&good, &nowhere], apply).starts_with("capture 2 has no pose: "));
+    assert_eq!(
+        told(&[&good], Baking { tolerance: f64::NAN, ..how }),
+        "`tolerance` is NaN, but must be a length, or 0"
+    );
+    let many = vec![&good; 201];
+    assert!(told(&many, how).contains("at most 200 are made: bake fewer at once"));
+}

@@ -1,0 +1,234 @@
+//! What one capture shows of a surface.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use maquette::parallel::*;
+use maquette::value::{Image, Mesh, TriangleTree};
+use maquette::{Cancelled, Progress};
+use nalgebra::{Matrix4, Point3, Vector3};
+
+use super::super::light::light_of;
+use super::bake_error::BakeError;
+use super::baking::Baking;
+use super::camera::Camera;
+use super::sample::Sample;
+use super::spot::Spot;
+
+/// A capture that lies where the mesh does.
+pub(super) struct View<'a> {
+    number: usize,
+    mesh: Mesh,
+    tree: TriangleTree,
+    picture: &'a Image,
+    camera: Camera,
+    /// 1 or -1, so that what the camera says is towards it is.
+    side: f64,
+    /// The corners of the box around it.
+    around: [Point3<f64>; 8],
+    /// How far each vertex is from the border, up to `feather`, in mm.
+    inside: Vec<f64>,
+    feather: f64,
+    pub(super) tolerance: f64,
+}
+
+/// Distances of a capture's points: how far from them the mesh may be, and how wide their border is.
+const TOLERANCE: f64 = 3.0;
+const FEATHER: f64 = 5.0;
+
+/// Cosines at which a capture sees nothing, and from which on it is sure.
+const GRAZING: [f64; 2] = [0.1, 0.35];
+
+/// Pixels at the border of the picture that count less.
+const MARGIN: f64 = 4.0;
+
+/// Spots that are looked at before the evaluation may stop.
+const BLOCK: usize = 1 << 16;
+
+impl<'a> View<'a> {
+    pub(super) fn new(
+        number: usize,
+        capture: &'a Mesh,
+        motion: &Matrix4<f64>,
+        how: &Baking,
+    ) -> Result<Self, BakeError> {
+        let lacks = |what| BakeError::NoPicture { capture: number + 1, what };
+        let picture =
+            capture.texture().filter(|it| !it.pixels().is_empty()).ok_or(lacks("picture"))?;
+        if capture.faces().is_empty() {
+            return Err(lacks("faces"));
+        }
+        let mesh = match *motion == Matrix4::identity() {
+            true => capture.clone(),
+            false => capture.with_positions(
+                capture.positions().iter().map(|at| motion.transform_point(at)).collect(),
+            )?,
+        };
+        let size = [picture.width(), picture.height()];
+        let known =
+            capture.frame().filter(|frame| frame.picture == size).and_then(|frame| frame.camera);
+        let camera = match known.and_then(|pinhole| Camera::moved(&pinhole, motion)) {
+            Some(camera) => camera,
+            None => Camera::found(&mesh, size)
+                .map_err(|why| BakeError::NoCamera { capture: number + 1, why })?,
+        };
+        let towards = |face: &[u32]| {
+            mesh.area_vector(face).dot(&camera.towards(mesh.positions()[face[0] as usize]))
+        };
+        let side = if mesh.faces().iter().map(towards).sum::<f64>() < 0.0 { -1.0 } else { 1.0 };
+        let edges = mesh.edges();
+        let length = |ends: &[u32; 2]| {
+            let [a, b] = ends.map(|it| mesh.positions()[it as usize]);
+            (b - a).norm()
+        };
+        let distance = edges.vertices.iter().map(length).sum::<f64>() / edges.vertices.len() as f64;
+        let or = |given: f64, times: f64| if given > 0.0 { given } else { times * distance };
+        let (tolerance, feather) = (or(how.tolerance, TOLERANCE), or(how.feather, FEATHER));
+        let inside = from_border(&mesh, feather);
+        let tree = TriangleTree::new(&mesh);
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let around = std::array::from_fn(|k| {
+            let side = |axis: usize| if k >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            Point3::new(side(0), side(1), side(2))
+        });
+        Ok(Self { number, mesh, tree, picture, camera, side, around, inside, feather, tolerance })
+    }
+
+    /// Adds what it shows of all spots that it sees.
+    pub(super) fn sample(
+        &self,
+        spots: &[Spot],
+        samples: &mut Vec<Sample>,
+        progress: &Progress<'_>,
+    ) -> Result<(), Cancelled> {
+        for (block, spots) in spots.chunks(BLOCK).enumerate() {
+            progress.check()?;
+            let of_spot = |(number, spot): (usize, &Spot)| {
+                let (weight, sure, light) = self.look(spot)?;
+                let texel = (block * BLOCK + number) as u32;
+                Some(Sample { texel, capture: self.number as u32, weight, sure, light })
+            };
+            let found = spots.par_iter().enumerate().with_min_len(256).filter_map(of_spot);
+            samples.extend(found.collect::<Vec<_>>());
+        }
+        Ok(())
+    }
+
+    fn look(&self, spot: &Spot) -> Option<(f32, f32, [f32; 3])> {
+        let towards = self.camera.towards(spot.place) * self.side;
+        let cos = towards.dot(&spot.normal);
+        if cos <= GRAZING[0] {
+            return None;
+        }
+        let pixel = self.camera.pixel(spot.place)?;
+        let size = [self.picture.width(), self.picture.height()];
+        // The border of the picture is one of what is seen, too.
+        let margin =
+            [0, 1].map(|axis| pixel[axis].min(size[axis] as f64 - 1.0 - pixel[axis]) + 0.5);
+        let margin = margin[0].min(margin[1]);
+        if margin <= 0.0 {
+            return None;
+        }
+        let (off, inside) = self.meet(spot.place, towards)?;
+        let near = (1.0 - off * off) * (1.0 - off * off);
+        let fade = smooth(inside / self.feather) * smooth(margin / MARGIN);
+        let sure = near * fade * smooth((cos - GRAZING[0]) / (GRAZING[1] - GRAZING[0]));
+        let density = self.density(spot.place, towards, pixel)?;
+        let weight = (sure * cos * cos * cos * density * density) as f32;
+        // What is infinitely near counts as nothing rather than as all.
+        let is_seen = 0.0 < weight && weight.is_finite();
+        is_seen.then(|| (weight, sure as f32, light_at(self.picture, pixel).map(|x| x as f32)))
+    }
+
+    /// Where the line from the camera to a place meets what the capture saw: how far from the place, across the surface and as a share of the
+    /// tolerance, and how far from the border. None if that is beyond the tolerance, or another surface is in front.
+    fn meet(&self, place: Point3<f64>, towards: Vector3<f64>) -> Option<(f64, f64)> {
+        let ahead = self
+            .around
+            .map(|corner| towards.dot(&(corner - place)))
+            .into_iter()
+            .fold(0.0, f64::max);
+        let begin = ahead + self.tolerance;
+        let hit = self.tree.first_hit(place + towards * begin, -towards)?;
+        let corners =
+            hit.corners(&self.mesh).map(|corner| self.mesh.faces().corners()[corner] as usize);
+        let [a, b, c] = corners.map(|it| self.mesh.positions()[it]);
+        let double = (b - a).cross(&(c - a));
+        let off = (hit.along - begin).abs() * towards.dot(&double) / double.norm() / self.tolerance;
+        if !(0.0..1.0).contains(&off) {
+            return None;
+        }
+        let at = hit.place(&self.mesh);
+        let share = |from: Point3<f64>, to: Point3<f64>| {
+            (from - at).cross(&(to - at)).dot(&double) / double.norm_squared()
+        };
+        let shares = [share(b, c), share(c, a), share(a, b)];
+        Some((off, corners.iter().zip(shares).map(|(&it, share)| self.inside[it] * share).sum()))
+    }
+
+    /// Pixels for each mm across the line of sight.
+    fn density(&self, place: Point3<f64>, towards: Vector3<f64>, pixel: [f64; 2]) -> Option<f64> {
+        let aside = Vector3::ith(towards.iamin(), 1.0).cross(&towards).try_normalize(0.0)?;
+        let step = 0.01 * self.tolerance;
+        let other = self.camera.pixel(place + aside * step)?;
+        let [x, y] = [0, 1].map(|k| other[k] - pixel[k]);
+        Some((x * x + y * y).sqrt() / step)
+    }
+
+    /// Lowers how far the nearest capture is from each place.
+    pub(super) fn approach(&self, places: &[Point3<f64>], nearest: &mut [f64]) {
+        for (least, found) in nearest.iter_mut().zip(self.tree.nearest_to_all(places)) {
+            *least = least.min(found.map_or(f64::INFINITY, |it| it.distance_sq.sqrt()));
+        }
+    }
+}
+
+/// From 0 to 1 without an edge.
+fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// The light at a pixel (column, row), mixed of the four around it.
+fn light_at(picture: &Image, [column, row]: [f64; 2]) -> [f64; 3] {
+    let most = [picture.width() - 1, picture.height() - 1];
+    let [(left, x), (top, y)] = [(column, most[0]), (row, most[1])].map(|(at, most)| {
+        let at = at.clamp(0.0, most as f64);
+        (at as usize, at.fract())
+    });
+    let (right, below) = ((left + 1).min(most[0]), (top + 1).min(most[1]));
+    let [a, b, c, d] = [[left, top], [right, top], [left, below], [right, below]]
+        .map(|at| light_of(picture.at(at)));
+    [0, 1, 2].map(|k| (a[k] * (1.0 - x) + b[k] * x) * (1.0 - y) + (c[k] * (1.0 - x) + d[k] * x) * y)
+}
+
+/// How far each vertex is from the border along edges, up to `most`: Dijkstra, "A note on two problems in connexion with graphs" (1959).
+fn from_border(mesh: &Mesh, most: f64) -> Vec<f64> {
+    let edges = mesh.edges();
+    let mut distances = vec![most; mesh.positions().len()];
+    let mut heap = BinaryHeap::new();
+    let border = edges.vertices.iter().zip(&edges.faces).filter(|it| *it.1 == 1);
+    for &vertex in border.flat_map(|it| it.0) {
+        if std::mem::replace(&mut distances[vertex as usize], 0.0) > 0.0 {
+            heap.push((Reverse(0), vertex));
+        }
+    }
+    let both = || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)]);
+    let around = maquette_base::topology::lists::Lists::group(distances.len(), both);
+    // Numbers that are not negative have the order of their bits.
+    while let Some((Reverse(bits), vertex)) = heap.pop() {
+        let distance = f64::from_bits(bits);
+        if distances[vertex as usize] < distance {
+            continue;
+        }
+        for &other in around.of(vertex as usize) {
+            let [a, b] = [vertex, other].map(|it| mesh.positions()[it as usize]);
+            let longer = distance + (b - a).norm();
+            if longer < distances[other as usize] {
+                distances[other as usize] = longer;
+                heap.push((Reverse(longer.to_bits()), other));
+            }
+        }
+    }
+    distances
+}

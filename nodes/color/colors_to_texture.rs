@@ -1,0 +1,156 @@
+//! Draws the colors of vertices as a picture.
+
+use maquette::parallel::*;
+use maquette::value::{Image, Mesh, Rgb};
+use maquette::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::atlas::{Coordinates, Texels, with_atlas};
+use super::layout::{Layout, SIZE};
+
+/// Draws the colors of a mesh's vertices as a picture on it, for programs that want a texture.
+///
+/// Between vertices colors are mixed in sRGB, as pictures are when they are looked up. The attribute `color` is taken off, because the
+/// picture stands for it.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ColorsToTexture {
+    /// The mesh, with the attribute `color` at its vertices, or at the corners of its faces.
+    pub mesh: In<Mesh>,
+    /// How the mesh is laid out, if it gets new texture coordinates; size of the picture.
+    #[serde(flatten)]
+    pub layout: Layout,
+    /// Which texture coordinates it has.
+    #[serde(default)]
+    pub coordinates: Coordinates,
+}
+
+/// Why colors were not drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum ColorsToTextureError {
+    /// A mesh without colors.
+    #[error(
+        "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`"
+    )]
+    NoColors {
+        /// How many vertices it has.
+        vertices: usize,
+        /// How many corners.
+        corners: usize,
+    },
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl Node for ColorsToTexture {
+    type Outputs = (Mesh, Image);
+    const OUTPUTS: [&'static str; 2] = ["mesh", "picture"];
+
+    const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv", "color"])];
+
+    fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
+        let pixels = self.layout.size.min(SIZE.most) as f64 * self.layout.size as f64;
+        Some(Estimate { bytes: 40.0 * pixels, help: SIZE.help })
+    }
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mesh = cx.get(&self.mesh);
+        corner_colors(mesh)?;
+        let doubt = |text| cx.warn(text);
+        let Self { layout, coordinates, .. } = self;
+        let atlas =
+            |progress: &Progress<'_>| with_atlas(mesh, *coordinates, layout, &doubt, progress);
+        let mesh = cx.progress().part(0.0..0.6, atlas)?;
+        let draw = |progress: &Progress<'_>| colors_to_texture(&mesh, layout.size, progress);
+        let mesh = cx.progress().part(0.6..1.0, draw)?;
+        let picture = mesh.texture().expect("a picture that was just drawn").clone();
+        Ok((mesh, picture))
+    }
+}
+
+/// The mesh with its colors as a picture of `size` x `size` texels. It has `uv` at its corners, in which each face has a part of the square
+/// for itself.
+///
+/// # Errors
+/// If it has no colors, or the evaluation is told to stop.
+///
+/// # Panics
+/// If it has no `uv` at its corners.
+pub fn colors_to_texture(
+    mesh: &Mesh,
+    size: usize,
+    progress: &Progress<'_>,
+) -> Result<Mesh, ColorsToTextureError> {
+    let colors = corner_colors(mesh)?;
+    let texels = Texels::new(mesh, [size, size], progress)?;
+    let color = |texel: &super::atlas::Texel| {
+        let corners = texels.triangles[texel.triangle as usize].map(|it| colors[it as usize]);
+        let shares = texel.shares();
+        [0, 1, 2].map(|k| {
+            let mixed: f64 = (0..3).map(|it| shares[it] * f64::from(corners[it][k])).sum();
+            mixed.round() as u8
+        })
+    };
+    let drawn: Vec<Rgb> = texels.texels.par_iter().with_min_len(4096).map(color).collect();
+    Ok(mesh.clone().without("color").with_texture(Some(texels.picture(&drawn, progress)?)))
+}
+
+/// The color of each corner.
+fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, ColorsToTextureError> {
+    let corners = mesh.faces().corners();
+    if let Some(colors) = mesh.corner().colors("color") {
+        return Ok(colors.to_vec());
+    }
+    match mesh.vertex().colors("color") {
+        Some(colors) => Ok(corners.iter().map(|&vertex| colors[vertex as usize]).collect()),
+        None => {
+            let (vertices, corners) = (mesh.positions().len(), corners.len());
+            Err(ColorsToTextureError::NoColors { vertices, corners })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Attribute, Faces};
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn square() -> Mesh {
+        let corners = [[0., 0.], [1., 0.], [1., 1.], [0., 1.]];
+        let places = corners.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+        let mesh = Mesh::new(places, Faces::uniform(4, vec![0, 1, 2, 3]).unwrap()).unwrap();
+        mesh.with_corner("uv", Attribute::Pair(corners.to_vec().into())).unwrap()
+    }
+
+    #[test]
+    fn texels_mix_the_colors_of_their_corners() {
+        let ramp = Attribute::Color(vec![[0, 0, 7], [160, 0, 7], [160, 80, 7], [0, 80, 7]].into());
+        let mesh = square().with_vertex("color", ramp.clone()).unwrap();
+        let of_corners = square().with_corner("color", ramp).unwrap();
+        for mesh in [mesh, of_corners] {
+            let found = colors_to_texture(&mesh, 16, &Progress::none()).unwrap();
+            let picture = found.texture().unwrap();
+            for column in 0..16 {
+                for row in 0..16 {
+                    let expected = [10 * column + 5, 5 * (15 - row) + 2, 7].map(|x| x as u8);
+                    let texel = picture.at([column, row]);
+                    assert!((0..3).all(|k| texel[k].abs_diff(expected[k]) <= 1), "{texel:?}");
+                }
+            }
+            assert!(found.vertex().get("color").is_none() && found.corner().get("color").is_none());
+        }
+    }
+
+    #[test]
+    fn a_mesh_without_colors_is_told() {
+        let text = colors_to_texture(&square(), 16, &Progress::none()).unwrap_err().to_string();
+        let expected = "the mesh has no colors: neither its 4 vertices nor its 4 corners have the attribute `color`";
+        assert_eq!(text, expected);
+    }
+}

@@ -1,0 +1,192 @@
+//! A piece of a surface that lies flat.
+
+use maquette::value::Mesh;
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
+use maquette_base::topology::lists::Lists;
+use maquette_base::topology::union_find::UnionFind;
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+
+use super::segment::NONE;
+
+/// Faces that hang together by their sides, and where their corners lie in the plane.
+pub(super) struct Chart {
+    /// The faces, ascending.
+    pub(super) faces: Vec<u32>,
+    /// The chart's vertex at each corner of the faces, one face after the other. Corners have one vertex if faces of the chart hang
+    /// together there, so that a seam within a chart may open.
+    pub(super) corners: Vec<u32>,
+    /// Polygons as fans, of the chart's vertices, without those that have no area.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Where the vertices are in space, in mm.
+    positions: Vec<Point3<f64>>,
+    /// Where they lie in the plane, in mm.
+    pub(super) flat: Vec<Vector2<f64>>,
+}
+
+/// Triangles thinner than this, as a share of their longest side, have no area.
+const THIN: f64 = 1e-9;
+
+impl Chart {
+    /// The chart of some faces, ascending, which lies as it is seen along its mean normal.
+    pub(super) fn new(mesh: &Mesh, opposites: &[u32], of_corner: &[u32], faces: Vec<u32>) -> Self {
+        let all = mesh.faces();
+        let mut starts = Vec::with_capacity(faces.len());
+        let mut own = Vec::new();
+        for &face in &faces {
+            starts.push(own.len() as u32);
+            let first = all.first_corner(face as usize) as u32;
+            own.extend(first..first + all.face(face as usize).len() as u32);
+        }
+        // The place of a corner of the mesh among those of the chart.
+        let place = |corner: u32| {
+            let face = of_corner[corner as usize];
+            let chart_face = faces.binary_search(&face).ok()?;
+            Some(starts[chart_face] + corner - all.first_corner(face as usize) as u32)
+        };
+        let next = |corner: u32| {
+            let face = of_corner[corner as usize] as usize;
+            let (first, count) = (all.first_corner(face) as u32, all.face(face).len() as u32);
+            if corner + 1 < first + count { corner + 1 } else { first }
+        };
+        let mut sets = UnionFind::new(own.len());
+        for (at, &corner) in (0u32..).zip(&own) {
+            let opposite = opposites[corner as usize];
+            if opposite == NONE || opposite < corner {
+                continue;
+            }
+            let Some(other) = place(opposite) else { continue };
+            let ends =
+                [next(corner), next(opposite)].map(|it| place(it).expect("of a face of the chart"));
+            sets.join(at, ends[1]);
+            sets.join(ends[0], other);
+        }
+        let (corners, firsts) = sets.numbered();
+        let vertex =
+            |&at: &u32| mesh.positions()[all.corners()[own[at as usize] as usize] as usize];
+        let positions = Vec::from_iter(firsts.iter().map(vertex));
+        let is_wide = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|it| positions[it as usize]);
+            let longest =
+                (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
+            THIN * longest < (b - a).cross(&(c - a)).norm()
+        };
+        let end = own.len() as u32;
+        let ends = starts[1..].iter().chain([&end]);
+        let fans = starts
+            .iter()
+            .zip(ends)
+            .flat_map(|(&start, &end)| (start + 1..end - 1).map(move |k| [start, k, k + 1]));
+        let triangles = fans.map(|fan| fan.map(|at| corners[at as usize]));
+        let triangles = Vec::from_iter(triangles.filter(is_wide));
+        let sum = faces
+            .iter()
+            .map(|&face| mesh.area_vector(all.face(face as usize)))
+            .sum::<Vector3<f64>>();
+        let normal = sum.try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let aside = Vector3::ith(normal.iamin(), 1.0);
+        let right = aside.cross(&normal).normalize();
+        let up = normal.cross(&right);
+        let flat =
+            positions.iter().map(|at| Vector2::new(right.dot(&at.coords), up.dot(&at.coords)));
+        let flat = flat.collect();
+        Self { faces, corners, triangles, positions, flat }
+    }
+
+    /// The same, as little stretched as it can be; none if there are no equations for it.
+    ///
+    /// As rigid as possible: Liu, Zhang, Xu, Gotsman and Gortler, "A local/global approach to mesh parameterization" (2008), section 4. Each
+    /// triangle is turned as it fits best to where it lies (equation 5), then all vertices go where the turned triangles pull them
+    /// (equation 6), whose matrix is the cotangent Laplacian.
+    pub(super) fn relaxed(&self) -> Option<Vec<Vector2<f64>>> {
+        let shapes = Vec::from_iter(self.triangles.iter().map(|it| self.shape(*it)));
+        let count = self.flat.len();
+        let sides = || {
+            self.triangles.iter().zip(&shapes).flat_map(|(triangle, shape)| {
+                [0, 1, 2].into_iter().flat_map(move |k| {
+                    let [a, b] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
+                    [(a, (b, shape.cotangents[k])), (b, (a, shape.cotangents[k]))]
+                })
+            })
+        };
+        let lists = Lists::group(count, sides);
+        // The first vertex is held, so that there is one solution; one of no triangle stays.
+        let hold = |own: usize| {
+            let sum: f64 = lists.of(own).iter().map(|entry| entry.1).sum();
+            if own == 0 || lists.of(own).is_empty() { sum.abs().max(1.0) } else { 0.0 }
+        };
+        let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
+        for own in 0..count {
+            let mut row = lists.of(own).to_vec();
+            row.sort_unstable_by_key(|entry| entry.0);
+            let sum: f64 = row.iter().map(|entry| entry.1).sum();
+            matrix.indices.push(own as u32);
+            matrix.entries.push(sum + hold(own));
+            for entries in row.chunk_by(|a, b| a.0 == b.0) {
+                matrix.indices.push(entries[0].0);
+                matrix.entries.push(-entries.iter().map(|entry| entry.1).sum::<f64>());
+            }
+            matrix.starts.push(matrix.indices.len() as u32);
+        }
+        let factors = Cholesky::new(&matrix)?;
+        let mut flat = self.flat.clone();
+        for _ in 0..STEPS {
+            let held = |own: usize| flat[own] * hold(own);
+            let mut pulls = Vec::from_iter((0..count).map(held).map(|it| [it.x, it.y, 0.0]));
+            for (triangle, shape) in self.triangles.iter().zip(&shapes) {
+                let turn = shape.turn(triangle.map(|it| flat[it as usize]));
+                for k in 0..3 {
+                    let [i, j] = [(k + 1) % 3, (k + 2) % 3];
+                    let pull = turn * (shape.corners[i] - shape.corners[j]) * shape.cotangents[k];
+                    for axis in 0..2 {
+                        pulls[triangle[i] as usize][axis] += pull[axis];
+                        pulls[triangle[j] as usize][axis] -= pull[axis];
+                    }
+                }
+            }
+            factors.solve(&mut pulls);
+            flat.iter_mut().zip(&pulls).for_each(|(at, pull)| *at = Vector2::new(pull[0], pull[1]));
+        }
+        flat.iter().all(|at| at.iter().all(|x| x.is_finite())).then_some(flat)
+    }
+
+    fn shape(&self, triangle: [u32; 3]) -> Shape {
+        let [a, b, c] = triangle.map(|it| self.positions[it as usize]);
+        let (side, other) = (b - a, c - a);
+        let length = side.norm();
+        let along = side.dot(&other) / length;
+        let twice = side.cross(&other).norm();
+        let corners =
+            [Vector2::zeros(), Vector2::new(length, 0.0), Vector2::new(along, twice / length)];
+        let cotangent = |k: usize| {
+            let [own, next, last] = [k, (k + 1) % 3, (k + 2) % 3].map(|it| corners[it]);
+            (next - own).dot(&(last - own)) / twice
+        };
+        Shape { corners, cotangents: [0, 1, 2].map(cotangent) }
+    }
+}
+
+/// Steps of relaxation: a few are enough for what is nearly flat.
+const STEPS: usize = 20;
+
+/// A triangle in its own plane.
+struct Shape {
+    corners: [Vector2<f64>; 3],
+    /// The cotangents of its angles.
+    cotangents: [f64; 3],
+}
+
+impl Shape {
+    /// How it must be turned to fit best to where it lies.
+    fn turn(&self, lies: [Vector2<f64>; 3]) -> Matrix2<f64> {
+        let (mut cos, mut sin) = (0.0, 0.0);
+        for k in 0..3 {
+            let [i, j] = [(k + 1) % 3, (k + 2) % 3];
+            let [own, there] = [self.corners[i] - self.corners[j], lies[i] - lies[j]];
+            cos += self.cotangents[k] * own.dot(&there);
+            sin += self.cotangents[k] * own.perp(&there);
+        }
+        let length = (cos * cos + sin * sin).sqrt();
+        let (cos, sin) = if length > 0.0 { (cos / length, sin / length) } else { (1.0, 0.0) };
+        Matrix2::new(cos, -sin, sin, cos)
+    }
+}

@@ -1,0 +1,111 @@
+//! Whether triangles in the plane lie as they should: face up, and none on another one.
+
+use maquette_base::topology::lists::Lists;
+use nalgebra::Vector2;
+use robust::{Coord, orient2d};
+
+fn side(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
+    let [a, b, c] = [a, b, c].map(|it| Coord { x: it.x, y: it.y });
+    orient2d(a, b, c)
+}
+
+/// Whether all triangles are counter-clockwise, and no two have more than a border in common; decided by exact predicates (Shewchuk,
+/// "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
+pub(super) fn lie_well(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool {
+    let corners = |triangle: &[u32; 3]| triangle.map(|it| places[it as usize]);
+    let all = Vec::from_iter(triangles.iter().map(corners));
+    all.iter().all(|&[a, b, c]| side(a, b, c) > 0.0) && overlap(&all).is_none()
+}
+
+/// Two counter-clockwise triangles that have more than a border in common, if there are any: those of which no side has the other one on
+/// its outer side. Only those that meet in a cell of a grid are compared.
+pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
+    let boxes =
+        Vec::from_iter(triangles.iter().map(|[a, b, c]| [a.inf(b).inf(c), a.sup(b).sup(c)]));
+    let whole = boxes.iter().copied().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
+    let size = whole[1] - whole[0];
+    // About as many cells as triangles.
+    let cell = (size.x * size.y / triangles.len() as f64).sqrt();
+    let counts =
+        [0, 1].map(|axis| ((size[axis] / cell).ceil() as usize).clamp(1, 2 * triangles.len()));
+    let cell_of = |at: Vector2<f64>| {
+        [0, 1].map(|axis| {
+            let place = (at[axis] - whole[0][axis]) / size[axis] * counts[axis] as f64;
+            (place as usize).min(counts[axis] - 1)
+        })
+    };
+    let cells = |[low, high]: [Vector2<f64>; 2]| {
+        let ([left, bottom], [right, top]) = (cell_of(low), cell_of(high));
+        (bottom..=top).flat_map(move |row| {
+            (left..=right).map(move |column| (row * counts[0] + column) as u32)
+        })
+    };
+    let numbers =
+        || (0u32..).zip(&boxes).flat_map(|(number, it)| cells(*it).map(move |cell| (cell, number)));
+    let lists = Lists::group(counts[0] * counts[1], numbers);
+    for own in 0..lists.len() {
+        for (k, &a) in lists.of(own).iter().enumerate() {
+            for &b in &lists.of(own)[k + 1..] {
+                let [one, other] = [a, b].map(|it| boxes[it as usize]);
+                // Each pair once, where what both boxes have in common begins.
+                let [column, row] = cell_of(one[0].sup(&other[0]));
+                let is_apart = (0..2)
+                    .any(|axis| one[1][axis] <= other[0][axis] || other[1][axis] <= one[0][axis]);
+                if !is_apart
+                    && row * counts[0] + column == own
+                    && meet(triangles[a as usize], triangles[b as usize])
+                {
+                    return Some([a, b]);
+                }
+            }
+        }
+    }
+    None
+}
+
+/// Whether the insides of two counter-clockwise triangles meet.
+fn meet(one: [Vector2<f64>; 3], other: [Vector2<f64>; 3]) -> bool {
+    let parts = |from: [Vector2<f64>; 3], it: [Vector2<f64>; 3]| {
+        (0..3).any(|k| it.iter().all(|&at| side(from[k], from[(k + 1) % 3], at) <= 0.0))
+    };
+    !parts(one, other) && !parts(other, one)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle(corners: [[f64; 2]; 3]) -> [Vector2<f64>; 3] {
+        corners.map(Vector2::from)
+    }
+
+    #[test]
+    fn only_insides_overlap() {
+        let own = triangle([[0., 0.], [4., 0.], [0., 4.]]);
+        let check = |other: [[f64; 2]; 3], expected: bool| {
+            let other = triangle(other);
+            assert_eq!(overlap(&[own, other]).is_some(), expected, "{other:?}");
+            assert_eq!(overlap(&[other, own]).is_some(), expected, "{other:?}");
+        };
+        // By a side, by part of a side, by a corner, apart.
+        check([[4., 0.], [4., 4.], [0., 4.]], false);
+        check([[1., 0.], [2., -3.], [3., 0.]], false);
+        check([[4., 0.], [8., 0.], [8., 1.]], false);
+        check([[9., 0.], [10., 0.], [9., 1.]], false);
+        // Equal, inside, across, and by the least that there is.
+        check([[0., 0.], [4., 0.], [0., 4.]], true);
+        check([[1., 1.], [2., 1.], [1., 2.]], true);
+        check([[-1., 1.], [5., 1.], [5., 2.]], true);
+        check([[2.0f64.next_down(), 2.0], [5., 3.], [3., 5.]], true);
+        check([[2.0, 2.0], [5., 3.], [3., 5.]], false);
+    }
+
+    #[test]
+    fn what_is_turned_over_does_not_lie_well() {
+        let places = [[0., 0.], [1., 0.], [0., 1.], [1., 1.]].map(Vector2::from);
+        assert!(lie_well(&[[0, 1, 2], [1, 3, 2]], &places));
+        assert!(!lie_well(&[[0, 1, 2], [1, 2, 3]], &places));
+        assert!(!lie_well(&[[0, 1, 2], [0, 1, 3]], &places));
+        assert!(lie_well(&[], &places));
+    }
+}

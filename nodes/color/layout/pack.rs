@@ -1,0 +1,406 @@
+//! Charts in a square, without overlap.
+
+use maquette::{Cancelled, Progress};
+use nalgebra::Vector2;
+
+/// A chart to be packed.
+pub(super) struct Piece<'a> {
+    pub(super) triangles: &'a [[u32; 3]],
+    /// Where its vertices lie, in mm.
+    pub(super) flat: Vec<Vector2<f64>>,
+}
+
+/// Texture coordinates of charts.
+pub(super) struct Packed {
+    /// Of the vertices of each chart.
+    pub(super) places: Vec<Vec<[f64; 2]>>,
+    /// Texels for each mm.
+    pub(super) scale: f64,
+}
+
+/// Why charts were not packed.
+pub(super) enum PackError {
+    Full,
+    Cancelled(Cancelled),
+}
+
+impl From<Cancelled> for PackError {
+    fn from(error: Cancelled) -> Self {
+        Self::Cancelled(error)
+    }
+}
+
+/// Along each side of the square so many places are tried at most: a multiple of 64.
+const PLACES: usize = 512;
+
+/// By how much charts shrink until they fit.
+const SHRINK: f64 = 0.95;
+
+/// The share of the square that is tried first.
+const FULL: f64 = 0.85;
+
+/// Steps in which they grow again as far as they can.
+const HALVINGS: usize = 3;
+
+/// All charts in a square of `size` texels, at one scale, as large as it is found to be possible, with `padding` texels between two of
+/// them and half of that at the border.
+///
+/// Long charts first, each where its top comes to lie lowest among those that lie there, in one of four turns: the order and aim of Levy,
+/// Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4, but by all
+/// blocks that a chart covers, so that small ones fill the gaps of large ones.
+pub(super) fn pack(
+    pieces: &[Piece<'_>],
+    size: usize,
+    padding: usize,
+    progress: &Progress<'_>,
+) -> Result<Packed, PackError> {
+    let pieces = Vec::from_iter(pieces.iter().map(upright));
+    let block = size.div_ceil(PLACES);
+    let square = Square { blocks: size / block, block: block as f64, margin: padding as f64 / 2.0 };
+    let area: f64 = pieces.iter().map(|piece| piece.area).sum();
+    let least = (2.0 * square.margin / square.block).ceil().max(1.0);
+    let side = square.blocks as f64;
+    if side * side < pieces.len() as f64 * least * least {
+        return Err(PackError::Full);
+    }
+    let mut order = Vec::from_iter(0..pieces.len());
+    let height = |k: &usize| pieces[*k].size.max();
+    order.sort_by(|a, b| height(b).total_cmp(&height(a)).then(a.cmp(b)));
+    let longest = order.first().map_or(1.0, height);
+    let mut scale = side * square.block * (FULL / area).sqrt().min(1.0 / longest);
+    let mut found = None;
+    // Far below what each chart needs at least.
+    for _ in 0..200 {
+        found = square.place(&pieces, &order, scale, progress)?;
+        if found.is_some() {
+            break;
+        }
+        scale *= SHRINK;
+    }
+    let Some(mut found) = found else { return Err(PackError::Full) };
+    let mut step = scale * (1.0 / SHRINK - 1.0);
+    for _ in 0..HALVINGS {
+        step /= 2.0;
+        if let Some(better) = square.place(&pieces, &order, scale + step, progress)? {
+            (found, scale) = (better, scale + step);
+        }
+    }
+    let places = pieces.iter().zip(&found).map(|(piece, spot)| {
+        let blocks = square.blocks_of(piece, scale).map(|count| count as f64 * square.block);
+        let at = |place: &Vector2<f64>| {
+            let [x, y] = [place.x * scale + square.margin, place.y * scale + square.margin];
+            let turned = match spot.turn {
+                0 => [x, y],
+                1 => [blocks[1] - y, x],
+                2 => [blocks[0] - x, blocks[1] - y],
+                _ => [y, blocks[0] - x],
+            };
+            let corner = spot.at.map(|it| it as f64 * square.block);
+            [0, 1].map(|axis| (corner[axis] + turned[axis]) / size as f64)
+        };
+        piece.flat.iter().map(at).collect()
+    });
+    Ok(Packed { places: places.collect(), scale })
+}
+
+/// A chart whose box is as small as it can be, with its lower left corner at the origin.
+struct Upright<'a> {
+    triangles: &'a [[u32; 3]],
+    flat: Vec<Vector2<f64>>,
+    size: Vector2<f64>,
+    area: f64,
+}
+
+/// The box with the least area lies along a side of the convex hull: Freeman and Shapira, "Determining the minimum-area encasing
+/// rectangle for an arbitrary closed curve" (1975).
+fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
+    let hull = hull(&piece.flat);
+    let extent = |right: Vector2<f64>| {
+        let up = Vector2::new(-right.y, right.x);
+        let spread = |axis: Vector2<f64>| {
+            let along = hull.iter().map(|at| axis.dot(at));
+            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            [low, high]
+        };
+        let [[left, right], [bottom, top]] = [spread(right), spread(up)];
+        (Vector2::new(left, bottom), Vector2::new(right - left, top - bottom))
+    };
+    let sides = hull.iter().zip(hull[1..].iter().chain(&hull[..1]));
+    let directions = sides.filter_map(|(a, b)| (b - a).try_normalize(0.0));
+    let cost = |right: &Vector2<f64>| {
+        let size = extent(*right).1;
+        // Of equal ones the one that is not as long.
+        size.x * size.y + 1e-6 * size.max() * size.max()
+    };
+    let best = directions.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let right = best.unwrap_or_else(Vector2::x);
+    let (low, size) = extent(right);
+    let place = |at: &Vector2<f64>| Vector2::new(right.dot(at) - low.x, right.perp(at) - low.y);
+    let flat = Vec::from_iter(piece.flat.iter().map(place));
+    let twice = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|it| flat[it as usize]);
+        (b - a).perp(&(c - a)).abs()
+    };
+    let area = piece.triangles.iter().map(twice).sum::<f64>() / 2.0;
+    Upright { triangles: piece.triangles, flat, size, area }
+}
+
+/// The corners of the convex hull, counter-clockwise: Andrew, "Another efficient algorithm for convex hulls in two dimensions" (1979).
+fn hull(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |points: &mut dyn Iterator<Item = &Vector2<f64>>| {
+        let mut half: Vec<Vector2<f64>> = Vec::new();
+        for &at in points {
+            while let [.., a, b] = half[..]
+                && (b - a).perp(&(at - a)) <= 0.0
+            {
+                half.pop();
+            }
+            half.push(at);
+        }
+        half.pop();
+        half
+    };
+    let mut hull = half(&mut sorted.iter());
+    hull.extend(half(&mut sorted.iter().rev()));
+    if hull.is_empty() { sorted.into_iter().take(1).collect() } else { hull }
+}
+
+/// Where charts go, in blocks of texels.
+struct Square {
+    blocks: usize,
+    /// Texels along the side of a block.
+    block: f64,
+    /// Texels around each chart.
+    margin: f64,
+}
+
+/// A row of blocks, a bit for each.
+type Row = [u64; PLACES / 64];
+
+/// Neighboring blocks of a row: the row, the first block, how many.
+type Run = [usize; 3];
+
+#[derive(Clone, Copy)]
+struct Spot {
+    /// Quarter turns, counter-clockwise.
+    turn: usize,
+    /// The block of its lower left corner: column, row.
+    at: [usize; 2],
+}
+
+impl Square {
+    /// How many blocks a chart is wide and high.
+    fn blocks_of(&self, piece: &Upright<'_>, scale: f64) -> [usize; 2] {
+        let count = |axis: usize| (piece.size[axis] * scale + 2.0 * self.margin) / self.block;
+        [0, 1].map(|axis| (count(axis).ceil() as usize).max(1))
+    }
+
+    /// A place for each chart; none if not all fit.
+    fn place(
+        &self,
+        pieces: &[Upright<'_>],
+        order: &[usize],
+        scale: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Option<Vec<Spot>>, Cancelled> {
+        let mut taken = vec![Row::default(); self.blocks];
+        // The longest row of free blocks in each row.
+        let mut longest = vec![self.blocks; self.blocks];
+        // Where the search began last time from the lowest row: for a piece of which size, and where it ended.
+        let (mut searched, mut begin) = ([usize::MAX / 9; 2], 0);
+        let mut spots = vec![Spot { turn: 0, at: [0, 0] }; pieces.len()];
+        for &index in order {
+            progress.check()?;
+            let piece = &pieces[index];
+            let counts = self.blocks_of(piece, scale);
+            if counts.iter().any(|&count| self.blocks < count) {
+                return Ok(None);
+            }
+            let runs = runs(&self.cover(piece, scale, counts));
+            let sides = [counts[0].max(counts[1]), counts[0].min(counts[1])];
+            if (0..2).any(|k| 10 * sides[k] < 9 * searched[k]) {
+                (searched, begin) = (sides, 0);
+            }
+            let mut best: Option<(usize, Spot, Vec<Run>)> = None;
+            for turn in 0..4 {
+                let [width, height] = if turn % 2 == 0 { counts } else { [counts[1], counts[0]] };
+                let mut runs = turned(&runs, counts, turn);
+                // Where the piece is widest it fits least.
+                runs.sort_by_key(|run| (self.blocks - run[2], run[0]));
+                let most = best.as_ref().map_or(self.blocks, |best| best.0 - 1);
+                let Some(last) = most.checked_sub(height) else { continue };
+                let places = self.blocks - width + 1;
+                if let Some(at) =
+                    (begin..=last).find_map(|row| Some([free(&taken, &runs, row, places)?, row]))
+                {
+                    best = Some((at[1] + height, Spot { turn, at }, runs));
+                }
+            }
+            let Some((_, spot, runs)) = best else { return Ok(None) };
+            // What is about as large will not fit below, either.
+            begin = spot.at[1];
+            for [row, first, count] in runs {
+                let row = spot.at[1] + row;
+                set(&mut taken[row], spot.at[0] + first, count);
+                longest[row] = longest_free(&taken[row], self.blocks);
+            }
+            spots[index] = spot;
+        }
+        Ok(Some(spots))
+    }
+
+    /// The blocks that a chart covers, with all that is at most a margin away along either axis; the lowest row first.
+    fn cover(&self, piece: &Upright<'_>, scale: f64, [width, height]: [usize; 2]) -> Vec<Row> {
+        let mut rows = vec![Row::default(); height];
+        let margin = self.margin;
+        let block = |x: f64, most: usize| ((x / self.block).max(0.0) as usize).min(most - 1);
+        let mut fill = |corners: &[Vector2<f64>]| {
+            let ends = |axis: usize, it: &mut dyn Iterator<Item = Vector2<f64>>| {
+                it.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+                    [low.min(at[axis]), high.max(at[axis])]
+                })
+            };
+            let [bottom, top] = ends(1, &mut corners.iter().copied());
+            let last = block(top + 2.0 * margin, height);
+            for (row, bits) in
+                rows.iter_mut().enumerate().take(last + 1).skip(block(bottom, height))
+            {
+                // What of the sides lies between these heights.
+                let low = row as f64 * self.block - 2.0 * margin;
+                let high = (row + 1) as f64 * self.block;
+                let next = corners[1..].iter().chain(&corners[..1]);
+                let cut = corners.iter().zip(next).flat_map(|(&a, &b)| {
+                    let at = |y: f64| match b.y - a.y {
+                        0.0 => a,
+                        rise => a + (b - a) * ((y.clamp(a.y.min(b.y), a.y.max(b.y)) - a.y) / rise),
+                    };
+                    let misses = a.y.max(b.y) < low || high < a.y.min(b.y);
+                    let ends = if a.y == b.y { [a, b] } else { [at(low), at(high)] };
+                    ends.into_iter().filter(move |_| !misses)
+                });
+                let [left, right] = ends(0, &mut cut.into_iter());
+                if left <= right {
+                    let [first, last] = [left, right + 2.0 * margin].map(|x| block(x, width));
+                    set(bits, first, last - first + 1);
+                }
+            }
+        };
+        let place = |it: u32| piece.flat[it as usize] * scale;
+        piece.triangles.iter().for_each(|triangle| fill(&triangle.map(place)));
+        if piece.triangles.is_empty() {
+            fill(&[Vector2::zeros(), piece.size * scale]);
+        }
+        rows
+    }
+}
+
+/// Sets some bits of a row.
+fn set(row: &mut Row, first: usize, count: usize) {
+    for (word, bits) in row.iter_mut().enumerate() {
+        let [from, to] =
+            [first, first + count].map(|it| it.clamp(64 * word, 64 * word + 64) - 64 * word);
+        if from < to {
+            *bits |= (u64::MAX >> (64 - (to - from))) << from;
+        }
+    }
+}
+
+/// The first place from `from` on whose bit is `bit`, or the end.
+fn next(row: &Row, from: usize, bit: bool) -> usize {
+    let mut place = from;
+    while place < PLACES {
+        let word = if bit { row[place / 64] } else { !row[place / 64] } >> (place % 64);
+        if word != 0 {
+            return place + word.trailing_zeros() as usize;
+        }
+        place = (place / 64 + 1) * 64;
+    }
+    PLACES
+}
+
+/// How many of the first `blocks` are free side by side.
+fn longest_free(row: &Row, blocks: usize) -> usize {
+    let (mut longest, mut place) = (0, 0);
+    while place < blocks {
+        let start = next(row, place, false).min(blocks);
+        place = next(row, start, true).min(blocks);
+        longest = longest.max(place - start);
+    }
+    longest
+}
+
+fn runs(rows: &[Row]) -> Vec<Run> {
+    let mut runs = Vec::new();
+    for (row, bits) in rows.iter().enumerate() {
+        let mut start = next(bits, 0, true);
+        while start < PLACES {
+            let end = next(bits, start, false);
+            runs.push([row, start, end - start]);
+            start = next(bits, end, true);
+        }
+    }
+    runs
+}
+
+/// A piece after some quarter turns.
+fn turned(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
+    match turn {
+        0 => own.to_vec(),
+        2 => own
+            .iter()
+            .map(|[row, first, count]| [height - 1 - row, width - first - count, *count])
+            .collect(),
+        _ => {
+            let mut rows = vec![Row::default(); width];
+            for &[row, first, count] in own {
+                for column in first..first + count {
+                    let [x, y] = if turn == 1 {
+                        [height - 1 - row, column]
+                    } else {
+                        [row, width - 1 - column]
+                    };
+                    rows[y][x / 64] |= 1 << (x % 64);
+                }
+            }
+            runs(&rows)
+        }
+    }
+}
+
+/// The first of `places` columns where a piece fits, if its lowest row is this one; all columns are tried at once.
+fn free(taken: &[Row], runs: &[Run], row: usize, places: usize) -> Option<usize> {
+    let mut free = Row::default();
+    set(&mut free, 0, places);
+    for &[own, first, count] in runs {
+        // Bit k: whether one of the `count` blocks from k on is taken.
+        let mut met = taken[row + own];
+        let mut done = 1;
+        while done < count {
+            let step = done.min(count - done);
+            let shifted = shifted(&met, step);
+            met.iter_mut().zip(shifted).for_each(|(met, shifted)| *met |= shifted);
+            done += step;
+        }
+        let met = shifted(&met, first);
+        free.iter_mut().zip(met).for_each(|(free, met)| *free &= !met);
+        if free == Row::default() {
+            return None;
+        }
+    }
+    let word = free.iter().position(|&bits| bits != 0)?;
+    Some(64 * word + free[word].trailing_zeros() as usize)
+}
+
+/// Bit k is what bit k + `by` was.
+fn shifted(row: &Row, by: usize) -> Row {
+    let (words, bits) = (by / 64, by % 64);
+    let word = |k: usize| row.get(k + words).copied().unwrap_or(0);
+    std::array::from_fn(|k| match bits {
+        0 => word(k),
+        _ => word(k) >> bits | word(k + 1) << (64 - bits),
+    })
+}

@@ -1,0 +1,235 @@
+//! Which faces lie on one chart.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use maquette::value::Mesh;
+use maquette::{Cancelled, Progress};
+use maquette_base::topology::lists::Lists;
+use maquette_base::topology::union_find::UnionFind;
+use nalgebra::Vector3;
+
+/// No corner.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// For each side of a face (named by the corner that it begins at) the side of the neighbor that is the same edge; [`NONE`] at borders,
+/// where more than two faces meet, and where the neighbor is turned round.
+pub(super) fn opposites(mesh: &Mesh) -> Vec<u32> {
+    let edges = mesh.edges();
+    let corners = mesh.faces().corners();
+    let mut first = vec![NONE; edges.vertices.len()];
+    let mut opposites = vec![NONE; corners.len()];
+    for (corner, &edge) in (0u32..).zip(&edges.of_corner) {
+        match first[edge as usize] {
+            NONE => first[edge as usize] = corner,
+            other => {
+                let is_same_way = corners[other as usize] == corners[corner as usize];
+                if edges.faces[edge as usize] == 2 && !is_same_way {
+                    opposites[other as usize] = corner;
+                    opposites[corner as usize] = other;
+                }
+            }
+        }
+    }
+    opposites
+}
+
+/// The face of each corner.
+pub(super) fn faces_of_corners(mesh: &Mesh) -> Vec<u32> {
+    let faces = (0u32..).zip(mesh.faces().iter());
+    faces.flat_map(|(number, face)| std::iter::repeat_n(number, face.len())).collect()
+}
+
+/// Some faces that hang together.
+#[derive(Default)]
+struct Cluster {
+    area: f64,
+    /// The sum of the faces' area vectors: the flatter the faces, the longer it is.
+    vector: Vector3<f64>,
+    /// The length of its border.
+    rim: f64,
+    /// The lengths of the borders with neighbors.
+    around: BTreeMap<u32, f64>,
+    /// How often it has changed.
+    version: u32,
+}
+
+/// Two clusters that may become one.
+struct Merging {
+    cost: f64,
+    pair: [u32; 2],
+    versions: [u32; 2],
+}
+
+impl Ord for Merging {
+    /// The cheapest is the greatest.
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.cost.total_cmp(&self.cost).then_with(|| other.pair.cmp(&self.pair))
+    }
+}
+
+impl PartialOrd for Merging {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Merging {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Merging {}
+
+/// How much a long border counts beside bent faces: up to some 16 degrees between two clusters the rounder one is preferred.
+const ROUNDNESS: f64 = 0.01;
+
+/// The faces of each chart, ascending: flat to `flatness`, the least share of a chart's area that is seen along its mean normal.
+///
+/// Two neighbors at a time become one, those first that stay flat and round: Garland, Willmott and Heckbert, "Hierarchical face
+/// clustering on polygonal surfaces" (2001), with the deviation of normals of Cohen-Steiner, Alliez and Desbrun, "Variational shape
+/// approximation" (2004), as the cost: for sums `V` of area vectors `|V1| + |V2| - |V1 + V2|`. Then borders are straightened. Cost grows
+/// with n log n.
+pub(super) fn segment(
+    mesh: &Mesh,
+    opposites: &[u32],
+    flatness: f64,
+    progress: &Progress<'_>,
+) -> Result<Vec<Vec<u32>>, Cancelled> {
+    let of_corner = faces_of_corners(mesh);
+    let lengths = side_lengths(mesh);
+    let mut clusters = Vec::from_iter(mesh.faces().iter().map(|face| {
+        let vector = mesh.area_vector(face);
+        Cluster { area: vector.norm(), vector, ..Cluster::default() }
+    }));
+    for (corner, &opposite) in opposites.iter().enumerate() {
+        let own = of_corner[corner];
+        clusters[own as usize].rim += lengths[corner];
+        if opposite != NONE && of_corner[opposite as usize] != own {
+            let around = &mut clusters[own as usize].around;
+            *around.entry(of_corner[opposite as usize]).or_default() += lengths[corner];
+        }
+    }
+    // What has no area costs as if it had a little.
+    let least = clusters.iter().map(|it| it.area).sum::<f64>() * 1e-12;
+    let merging = |clusters: &[Cluster], a: u32, b: u32| {
+        let [own, other] = [a, b].map(|it| &clusters[it as usize]);
+        let (area, vector) = (own.area + other.area, own.vector + other.vector);
+        let rim = own.rim + other.rim - 2.0 * own.around[&b];
+        let bent = own.vector.norm() + other.vector.norm() - vector.norm();
+        (flatness * area <= vector.norm()).then(|| Merging {
+            cost: (bent.max(0.0) + ROUNDNESS * rim * rim) / area.max(least),
+            pair: [a, b],
+            versions: [own.version, other.version],
+        })
+    };
+    let mut heap = BinaryHeap::new();
+    for own in 0..clusters.len() as u32 {
+        let later = clusters[own as usize].around.range(own + 1..);
+        heap.extend(later.filter_map(|(&other, _)| merging(&clusters, own, other)));
+    }
+    let mut sets = UnionFind::new(clusters.len());
+    let mut done = 0usize;
+    while let Some(Merging { pair: [a, b], versions, .. }) = heap.pop() {
+        // A cluster that became part of another one has a version that nobody knows.
+        if [a, b].map(|it| clusters[it as usize].version) != versions {
+            continue;
+        }
+        done += 1;
+        if done.is_multiple_of(1024) {
+            progress.tick(done as f64 / clusters.len() as f64)?;
+        }
+        sets.join(a, b);
+        join(&mut clusters, a, b);
+        let around = clusters[a as usize].around.keys();
+        heap.extend(around.filter_map(|&other| merging(&clusters, a.min(other), a.max(other))));
+    }
+    let (mut charts, _) = sets.numbered();
+    straighten(mesh, opposites, &of_corner, &lengths, flatness, &mut charts);
+    let count = charts.iter().max().map_or(0, |&last| last as usize + 1);
+    let lists = Lists::group(count, || charts.iter().copied().zip(0..));
+    Ok((0..count).map(|chart| lists.of(chart).to_vec()).filter(|it| !it.is_empty()).collect())
+}
+
+/// The length of each side.
+fn side_lengths(mesh: &Mesh) -> Vec<f64> {
+    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
+    let of_face = |face: &[u32]| {
+        let next = face[1..].iter().chain(&face[..1]);
+        Vec::from_iter(face.iter().zip(next).map(|(a, b)| (place(b) - place(a)).norm()))
+    };
+    mesh.faces().iter().flat_map(of_face).collect()
+}
+
+/// Makes `b` part of `a`.
+fn join(clusters: &mut [Cluster], a: u32, b: u32) {
+    let mut other = std::mem::take(&mut clusters[b as usize]);
+    clusters[b as usize].version = u32::MAX;
+    let own = &mut clusters[a as usize];
+    own.area += other.area;
+    own.vector += other.vector;
+    own.rim += other.rim - 2.0 * own.around[&b];
+    own.version += 1;
+    own.around.remove(&b);
+    other.around.remove(&a);
+    for &neighbor in other.around.keys() {
+        let around = &mut clusters[neighbor as usize].around;
+        let length = around.remove(&b).expect("neighbors know each other");
+        *around.entry(a).or_default() += length;
+    }
+    // The shorter list goes into the longer one.
+    let own = &mut clusters[a as usize].around;
+    if own.len() < other.around.len() {
+        std::mem::swap(own, &mut other.around);
+    }
+    other.around.into_iter().for_each(|(it, length)| *own.entry(it).or_default() += length);
+}
+
+/// Rounds in which borders are straightened; the first ones change most.
+const ROUNDS: usize = 4;
+
+/// Gives faces that hang by one side alone to the chart with which they have more border, if both stay flat.
+fn straighten(
+    mesh: &Mesh,
+    opposites: &[u32],
+    of_corner: &[u32],
+    lengths: &[f64],
+    flatness: f64,
+    charts: &mut [u32],
+) {
+    let vectors = Vec::from_iter(mesh.faces().iter().map(|face| mesh.area_vector(face)));
+    let mut sums = vec![(0.0, Vector3::zeros()); charts.len()];
+    for (&chart, vector) in charts.iter().zip(&vectors) {
+        sums[chart as usize].0 += vector.norm();
+        sums[chart as usize].1 += vector;
+    }
+    let is_flat = |(area, vector): (f64, Vector3<f64>)| flatness * area <= vector.norm();
+    for _ in 0..ROUNDS {
+        for face in 0..charts.len() {
+            let own = charts[face];
+            let first = mesh.faces().first_corner(face);
+            let sides = first..first + mesh.faces().face(face).len();
+            let mut around: BTreeMap<u32, (usize, f64)> = BTreeMap::new();
+            for side in sides.filter(|&side| opposites[side] != NONE) {
+                let chart = charts[of_corner[opposites[side] as usize] as usize];
+                let border = around.entry(chart).or_default();
+                *border = (border.0 + 1, border.1 + lengths[side]);
+            }
+            let (count, length) = around.remove(&own).unwrap_or_default();
+            let best = around.iter().rev().max_by(|a, b| a.1.1.total_cmp(&b.1.1));
+            let Some((&other, _)) = best.filter(|it| count == 1 && length < it.1.1) else {
+                continue;
+            };
+            let (area, vector) = (vectors[face].norm(), vectors[face]);
+            let [without, with] = [(own, -1.0), (other, 1.0)].map(|(chart, sign)| {
+                let sum = sums[chart as usize];
+                (sum.0 + sign * area, sum.1 + sign * vector)
+            });
+            if is_flat(with) && is_flat(without) {
+                (sums[own as usize], sums[other as usize]) = (without, with);
+                charts[face] = other;
+            }
+        }
+    }
+}

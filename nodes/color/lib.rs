@@ -1,0 +1,38 @@
+//! Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
+
+use maquette::Pack;
+
+mod atlas;
+mod bake;
+mod colors_to_texture;
+mod layout;
+mod light;
+#[cfg(test)]
+mod tests;
+mod texture_to_colors;
+mod unwrap;
+
+pub use atlas::Coordinates;
+pub use bake::{Bake, BakeError, Baked, Baking, Level, bake};
+pub use colors_to_texture::{ColorsToTexture, ColorsToTextureError, colors_to_texture};
+pub use layout::{LaidOut, Layout, LayoutError, lay_out};
+pub use texture_to_colors::{Sampling, TextureToColors, TextureToColorsError, texture_to_colors};
+pub use unwrap::Unwrap;
+
+maquette::nodes_of_this_build!();
+
+/// Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
+pub static PACK: Pack = Pack {
+    name: "color",
+    nodes: &[
+        node::<Unwrap>(),
+        node::<Bake>(),
+        node::<ColorsToTexture>(),
+        node::<TextureToColors>(),
+    ],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+    recipes: &[],
+};
