@@ -5,13 +5,14 @@ use maquette::{Carry, Context, Error, Fate, In, Node, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::combine::{Operation, boolean};
+use crate::combine::boolean;
+use crate::operation::Operation;
 
 /// Unites solids, cuts solids out of another one, or takes what all have in common.
 ///
 /// Faces away from where skins meet stay as they are, polygons too; those that are cut become triangles. The result is closed and manifold,
-/// also where walls lie in one plane. What lies on the solids is kept as `Merge` keeps it, and mixed where edges are cut; normals are dropped,
-/// since they are others at the cut.
+/// also where walls lie in one plane. What lies on one of the solids alone, such as its picture, lies on the other as at the nearest
+/// place; it is mixed where edges are cut. Of two pictures vertex colors are made, as by `Merge`, and normals are dropped.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Boolean {
     /// The solid.

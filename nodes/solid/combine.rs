@@ -1,32 +1,21 @@
 //! What solids make of each other.
 
-use maquette::value::{Mesh, MeshError};
+use maquette::value::{Mesh, MeshError, TriangleTree};
 use maquette::{Cancelled, Progress};
 use maquette_mesh::{MergeError, Poses, merge};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::lend::lend;
+use crate::operation::Operation;
 use crate::volume::volume;
 use cut::Cut;
 use meet::{NoSolid, Pair};
+use weld::weld;
 
 mod cut;
 mod exact;
 mod meet;
 mod weld;
-
-/// What becomes of solids.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Operation {
-    /// What is in any of them.
-    #[default]
-    Union,
-    /// What is in the first one, and not in the others.
-    Difference,
-    /// What is in all of them.
-    Intersection,
-}
 
 /// Why solids make no other one.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -114,12 +103,29 @@ pub fn boolean(
     Ok(made)
 }
 
+/// The mesh `to` with what lies on `from` and not on itself.
+fn lent(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
+    let has = |mesh: &Mesh, name: &str| {
+        mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
+    };
+    let lacks = |name: &str| name != "normal" && !has(to, name);
+    let mut names = from.vertex().iter().chain(from.corner().iter()).map(|it| it.0);
+    let of_faces = from.face().iter().any(|(name, _)| to.face().get(name).is_none());
+    let is_bare = to.texture().is_none() && from.texture().is_some();
+    match is_bare || of_faces || names.any(lacks) {
+        true if !from.faces().is_empty() => lend(from, &TriangleTree::new(from), to.clone()),
+        _ => Ok(to.clone()),
+    }
+}
+
 fn of_two(
     first: &Mesh,
     second: &Mesh,
     how: Operation,
     progress: &Progress<'_>,
 ) -> Result<Mesh, NoSolid> {
+    // What only one of them has, the other one gets from the nearest place.
+    let [first, second] = [&lent(second, first)?, &lent(first, second)?];
     let both = merge(&[first, second], Poses::Ignore)?;
     let counts = (first.positions().len(), first.faces().len());
     let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, NoSolid> {
@@ -127,7 +133,8 @@ fn of_two(
         let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
         let inside = pair.inside(&meet)?;
         progress.tick(0.7)?;
-        let cut = Cut::new(&pair, &meet, &inside, how);
+        let mut cut = Cut::new(&pair, &meet, &inside, how);
+        weld(&mut cut);
         progress.tick(0.9)?;
         Ok(cut.mesh()?)
     };

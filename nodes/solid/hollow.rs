@@ -10,9 +10,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::combine::{BooleanError, Operation, boolean};
+use crate::combine::{BooleanError, boolean};
 use crate::crossings::crossings;
 use crate::lend::lend;
+use crate::operation::Operation;
 use crate::volume::volume;
 use depth::Depth;
 

@@ -8,13 +8,15 @@ mod combine;
 mod crossings;
 mod hollow;
 mod lend;
+mod operation;
 mod polygons;
 mod solid;
 mod volume;
 
 pub use boolean::Boolean;
-pub use combine::{BooleanError, Operation, boolean};
+pub use combine::{BooleanError, boolean};
 pub use hollow::{Hollow, HollowError, Outlet, hollow};
+pub use operation::Operation;
 pub use solid::{Base, Holes, Solid, SolidError, solid};
 
 maquette::nodes_of_this_build!();

@@ -8,9 +8,8 @@ use maquette_base::linear::stencils::Stencils;
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3, center};
 
-use super::Operation;
 use super::meet::{Meet, Meeting, Pair};
-use super::weld::weld;
+use crate::operation::Operation;
 use crate::polygons::{flat, loops, triangulate};
 
 /// What stays of two solids.
@@ -19,6 +18,9 @@ use crate::polygons::{flat, loops, triangulate};
 pub(super) struct Cut<'a> {
     pair: &'a Pair<'a>,
     meet: &'a Meet,
+    /// Which vertices are inside of the other solid.
+    inside: &'a [bool],
+    how: Operation,
     pub(super) halfway: Vec<[u32; 2]>,
     /// Faces that stay as they are, and whether they look to the other side now.
     whole: Vec<(u32, bool)>,
@@ -35,18 +37,27 @@ pub(super) struct Piece {
 
 impl<'a> Cut<'a> {
     /// What stays of both solids.
-    pub(super) fn new(pair: &'a Pair<'a>, meet: &'a Meet, inside: &[bool], how: Operation) -> Self {
+    pub(super) fn new(
+        pair: &'a Pair<'a>,
+        meet: &'a Meet,
+        inside: &'a [bool],
+        how: Operation,
+    ) -> Self {
         let segments = Lists::group(pair.triangles.len(), || {
             let numbered = (0u32..).zip(&meet.segments);
             numbered.flat_map(|(number, it)| it.triangles.map(|triangle| (triangle, number)))
         });
-        let mut cut =
-            Self { pair, meet, halfway: Vec::new(), whole: Vec::new(), pieces: Vec::new() };
+        let mut cut = Self {
+            pair,
+            meet,
+            inside,
+            how,
+            halfway: Vec::new(),
+            whole: Vec::new(),
+            pieces: Vec::new(),
+        };
         for solid in [0, 1] {
-            let wants_inside = match (how, solid) {
-                (Operation::Union, _) | (Operation::Difference, 0) => false,
-                (Operation::Intersection, _) | (Operation::Difference, _) => true,
-            };
+            let wants_inside = how.wants_inside(solid);
             let is_turned = how == Operation::Difference && solid == 1;
             let all = pair.triangles_of(solid);
             let mut next = all.start;
@@ -64,30 +75,28 @@ impl<'a> Cut<'a> {
                         let [start, end] = meet.segments[it as usize].ends;
                         if (solid == 0) == wants_inside { [start, end] } else { [end, start] }
                     });
-                    let sides = cut.sides(triangle, lines, (inside, wants_inside));
+                    let sides = cut.sides(triangle, lines);
                     cut.add_pieces(triangle, &sides, is_turned);
                 }
             }
         }
-        weld(&mut cut);
         cut
     }
 
     /// The sides of what stays of a triangle, which lies to their left: parts of its edges, and lines in which others cross it.
-    fn sides(
-        &self,
-        triangle: usize,
-        lines: impl Iterator<Item = [u32; 2]>,
-        (inside, wants_inside): (&[bool], bool),
-    ) -> Vec<[u32; 2]> {
+    fn sides(&self, triangle: usize, lines: impl Iterator<Item = [u32; 2]>) -> Vec<[u32; 2]> {
         let mut sides = Vec::from_iter(lines.map(|ends| ends.map(|it| it + self.behind())));
         let vertices = self.pair.triangles[triangle].vertices;
-        for k in 0..3 {
-            let stops = self.stops([vertices[k], vertices[(k + 1) % 3]]);
-            let first = usize::from(inside[vertices[k] as usize] != wants_inside);
-            sides.extend(stops.windows(2).skip(first).step_by(2).map(|pair| [pair[0], pair[1]]));
-        }
+        sides.extend((0..3).flat_map(|k| self.kept([vertices[k], vertices[(k + 1) % 3]])));
         sides
+    }
+
+    /// The parts of an edge that stay.
+    fn kept(&self, edge: [u32; 2]) -> Vec<[u32; 2]> {
+        let wants_inside = self.how.wants_inside(self.pair.solid_of(edge[0]));
+        let first = usize::from(self.inside[edge[0] as usize] != wants_inside);
+        let stops = self.stops(edge);
+        stops.windows(2).skip(first).step_by(2).map(|part| [part[0], part[1]]).collect()
     }
 
     fn add_pieces(&mut self, triangle: usize, sides: &[[u32; 2]], is_turned: bool) {
@@ -247,12 +256,10 @@ impl<'a> Cut<'a> {
     /// The creases of both solids, as far as they are left.
     fn creases(&self, places: &[u32]) -> Vec<([u32; 2], f64)> {
         let parts = self.pair.mesh.creases().flat_map(|(edge, sharpness)| {
-            let stops = self.stops(edge).into_iter().map(|it| places[it as usize]);
-            let stops = Vec::from_iter(stops);
-            let parts = stops.windows(2).map(|pair| ([pair[0], pair[1]], sharpness));
-            Vec::from_iter(parts.filter(|(ends, _)| !ends.contains(&u32::MAX)))
+            self.kept(edge).into_iter().map(move |ends| (ends, sharpness))
         });
-        parts.collect()
+        let placed = parts.map(|(ends, it)| (ends.map(|vertex| places[vertex as usize]), it));
+        placed.filter(|(ends, _)| !ends.contains(&u32::MAX)).collect()
     }
 }
 

@@ -117,7 +117,8 @@ impl<'a> Pair<'a> {
         [0..self.second.0, self.second.0..self.triangles.len()][solid].clone()
     }
 
-    fn solid_of(&self, vertex: u32) -> usize {
+    /// The solid, 0 or 1, of a vertex.
+    pub(super) fn solid_of(&self, vertex: u32) -> usize {
         usize::from(self.second.1 <= vertex as usize)
     }
 

@@ -247,6 +247,20 @@ fn faces_away_from_the_cut_stay_and_attributes_are_mixed() {
 }
 
 #[test]
+fn what_one_solid_alone_has_lies_on_both() {
+    let solid = cube([0.; 3]);
+    let colors = Attribute::Color((0..8).map(|k| [10 * k, 0, 0]).collect());
+    let parts = Attribute::Index((0..6).collect());
+    let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
+    let drill = cuboid([4., 4., -1.], [2., 2., 12.]);
+    for (first, second) in [(&solid, &drill), (&drill, &solid)] {
+        let made = made(first, second, Operation::Union).1;
+        assert!(made.vertex().colors("color").is_some());
+        assert!(made.face().get("part").is_some());
+    }
+}
+
+#[test]
 fn what_is_no_solid_is_told() {
     let told = |first: &Mesh, others: &[&Mesh]| {
         boolean(first, others, Operation::Union, &Progress::none()).unwrap_err().to_string()
