@@ -271,8 +271,8 @@ mod tests {
     #[test]
     fn spherical_coordinates_are_places() {
         let points = read(SPHERICAL).unwrap();
-        let out = 3.0 * 0.25_f64.cos();
-        let second = [out * 0.5_f64.cos(), out * 0.5_f64.sin(), 1.0 - 3.0 * 0.25_f64.sin()];
+        // 3 away, 0.5 about z and 0.25 down.
+        let second = [2.5509019358766984, 1.3935640789167856, 0.2577881222364312];
         near(&points, &[[2.0, 0.0, 1.0], second]);
         assert_eq!(points.attributes().iter().count(), 0);
     }
