@@ -20,11 +20,13 @@ pub mod camera;
 mod corners;
 pub mod decoder;
 pub mod depth;
+pub mod e57;
 pub mod exr;
 pub mod glb;
 pub mod handles;
 pub mod jpeg;
 mod json;
+pub mod las;
 pub mod obj;
 pub mod pcd;
 mod picture;
@@ -94,6 +96,8 @@ pub const READERS: &[AnyReader] = &[
     reader::<glb::MeshGltf>(),
     reader::<ply::PointsPly>(),
     reader::<xyz::PointsXyz>(),
+    reader::<las::PointsLas>(),
+    reader::<e57::PointsE57>(),
     reader::<obj::CurveObj>(),
     reader::<picture_file::MaskFiles>(),
     reader::<handles::HandlesRon>(),

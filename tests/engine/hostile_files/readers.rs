@@ -2,7 +2,7 @@
 
 use maquette::format::camera::CameraFile;
 use maquette::format::{
-    abs, camera, depth, glb, jpeg, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
+    abs, camera, depth, e57, glb, jpeg, las, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
 };
 use maquette::random::Random;
 
@@ -53,6 +53,14 @@ pub(crate) const READERS: &[Reader] = &[
         seeds: seeds!("depth16.png", "depth32f.tiff"),
     },
     Reader {
+        name: "e57",
+        read: |bytes| {
+            drop(e57::read(bytes));
+            drop(e57::read(&sealed(bytes)));
+        },
+        seeds: seeds!("two_scans.e57", "spherical.e57"),
+    },
+    Reader {
         name: "glb",
         read: |bytes| drop(glb::read(bytes)),
         seeds: seeds!("colored.glb", "textured.glb"),
@@ -61,6 +69,11 @@ pub(crate) const READERS: &[Reader] = &[
         name: "jpeg",
         read: |bytes| drop(jpeg::read(bytes)),
         seeds: seeds!("photo.jpg", "progressive.jpg", "gray.jpg", "cmyk.jpg"),
+    },
+    Reader {
+        name: "las",
+        read: |bytes| drop(las::read(bytes)),
+        seeds: seeds!("survey.las", "bytes.las"),
     },
     Reader {
         name: "light",
@@ -121,6 +134,20 @@ pub(crate) const READERS: &[Reader] = &[
     },
     Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
 ];
+
+/// The file with the checksums of its pages made good, so that what is spoiled comes past them: CRC-32C of 1020 bytes, big-endian.
+fn sealed(bytes: &[u8]) -> Vec<u8> {
+    const PAGE: usize = 1024;
+    let mut file = bytes.to_vec();
+    file.resize(bytes.len().next_multiple_of(PAGE), 0);
+    for page in file.chunks_exact_mut(PAGE) {
+        let (data, sum) = page.split_at_mut(PAGE - 4);
+        let fold = |sum: u32, _| (sum >> 1) ^ (0x82f6_3b78 * (sum & 1));
+        let crc = data.iter().fold(u32::MAX, |sum, &byte| (0..8).fold(sum ^ u32::from(byte), fold));
+        sum.copy_from_slice(&(!crc).to_be_bytes());
+    }
+    file
+}
 
 /// A camera for the depth maps among the files.
 fn eight_by_six() -> Option<CameraFile> {
