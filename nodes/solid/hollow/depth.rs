@@ -16,6 +16,9 @@ const NODES: Limit = Limit {
 /// Nodes along an edge of a block, which is looked at as a whole first.
 const BLOCK: usize = 8;
 
+/// So many places are measured between two looks at whether to stop: some milliseconds.
+const CHUNK: usize = 4096;
+
 /// A grid around a solid.
 pub(super) struct Depth {
     low: Point3<f64>,
@@ -53,7 +56,7 @@ impl Depth {
         let mut grid = Self { low, spacing, counts, depths: Vec::new() };
         let distances = grid.distances(tree, deepest + spacing, progress)?;
         progress.tick(0.8)?;
-        let is_inside = grid.inside(mesh, &distances, deepest);
+        let is_inside = grid.inside(mesh, &distances, deepest, progress)?;
         let depth = |(distance, is_inside): (&f64, &bool)| match is_inside {
             true => *distance,
             false => distance.min(spacing) - 2.0 * spacing,
@@ -87,10 +90,14 @@ impl Depth {
             let found = tree.nearest_to_all(points).into_iter();
             found.map(|place| place.map_or(f64::INFINITY, |place| place.distance_sq.sqrt()))
         };
-        let of_blocks = Vec::from_iter(to_skin(&Vec::from_iter((0..count).map(middle))));
+        let mut of_blocks = Vec::with_capacity(count);
+        for first in (0..count).step_by(CHUNK) {
+            progress.tick(0.2 * first as f64 / count as f64)?;
+            let blocks = first..count.min(first + CHUNK);
+            of_blocks.extend(to_skin(&Vec::from_iter(blocks.map(middle))));
+        }
         let mut distances = vec![0.0; self.counts.iter().product()];
         let (mut nodes, mut places) = (Vec::new(), Vec::new());
-        let step = count.div_ceil(20);
         for (number, &distance) in of_blocks.iter().enumerate() {
             let least = distance - 3f64.sqrt() * half;
             let first = block(number).map(|k| BLOCK * k);
@@ -108,10 +115,10 @@ impl Depth {
                     }
                 }
             }
-            if (number + 1) % step == 0 || number + 1 == count {
+            if CHUNK <= nodes.len() || number + 1 == count {
                 nodes.drain(..).zip(to_skin(&places)).for_each(|(node, it)| distances[node] = it);
                 places.clear();
-                progress.tick(0.8 * (number + 1) as f64 / count as f64)?;
+                progress.tick(0.2 + 0.6 * (number + 1) as f64 / count as f64)?;
             }
         }
         Ok(distances)
@@ -120,7 +127,16 @@ impl Depth {
     /// Which nodes are inside, of those that are farther from the skin than the spacing.
     ///
     /// Between two neighbors that are so far from it there is no skin.
-    fn inside(&self, mesh: &Mesh, distances: &[f64], deepest: f64) -> Vec<bool> {
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    fn inside(
+        &self,
+        mesh: &Mesh,
+        distances: &[f64],
+        deepest: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Vec<bool>, Cancelled> {
         let [width, height, depth] = self.counts;
         let mut is_seen = vec![false; distances.len()];
         let mut is_inside = vec![false; distances.len()];
@@ -134,6 +150,9 @@ impl Depth {
             let (mut next, mut deep) = (0, None);
             while let Some(&node) = part.get(next) {
                 next += 1;
+                if next.is_multiple_of(CHUNK) {
+                    progress.check()?;
+                }
                 if deepest < distances[node] && deep.is_none() {
                     deep = Some(node);
                 }
@@ -154,6 +173,7 @@ impl Depth {
                 }
             }
             if let Some(node) = deep {
+                progress.check()?;
                 let at = [node % width, node / width % height, node / width / height];
                 if winding(mesh, self.place(at)) > 0.5 {
                     part.iter().for_each(|&node| is_inside[node] = true);
@@ -161,7 +181,7 @@ impl Depth {
             }
             part.clear();
         }
-        is_inside
+        Ok(is_inside)
     }
 }
 
