@@ -4,7 +4,6 @@ pub(crate) mod case;
 pub(crate) mod compare;
 mod expect;
 mod fits;
-mod intersect;
 mod looks;
 pub(crate) mod parts;
 mod printable;

@@ -9,6 +9,7 @@ use std::fmt;
 use std::sync::Arc;
 
 mod attributes;
+mod boxes;
 mod column;
 mod control_net;
 mod curve;
@@ -35,6 +36,7 @@ mod surface;
 mod trace;
 
 pub use attributes::{Attribute, AttributeError, Attributes};
+pub use boxes::{Bounds, BoxTree};
 pub use column::Column;
 pub use control_net::{Chart, ControlNet, ControlNetError};
 pub use curve::{Curve, CurveError, CurveFoot};
@@ -56,7 +58,9 @@ pub use mask::Mask;
 pub use memo::Memo;
 pub(crate) use memo::hash_of_memo;
 pub(crate) use mesh::bounds;
-pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree, to_triangle};
+pub use mesh::{
+    Behind, Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree, to_triangle,
+};
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
 pub use points::{Points, PointsError};

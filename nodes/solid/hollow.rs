@@ -11,13 +11,12 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::combine::{BooleanError, boolean};
-use crate::crossings::crossings;
+use crate::contour::Contour;
 use crate::lend::lend;
 use crate::operation::Operation;
 use crate::volume::volume;
 use depth::Depth;
 
-mod contour;
 mod depth;
 
 /// Makes a solid hollow: inside of it, as far from its skin as the wall is thick, there is a cavity.
@@ -162,8 +161,8 @@ impl Node for Hollow {
 ///
 /// Distances are measured at the nodes of the grid, where it is not clear from afar that they are larger. What is inside is known where nodes hang together
 /// without coming near to the skin: one winding number for each such part (Jacobson, Kavan and Sorkine-Hornung, "Robust inside-outside segmentation using
-/// generalized winding numbers", 2013). The surface at the distance is made of tetrahedra, six for each cell (Doi and Koide, "An efficient method of
-/// triangulating equi-valued surfaces by using tetrahedral cells", 1991), and so always a closed manifold. Cost grows with the number of cells.
+/// generalized winding numbers", 2013). The surface at the distance is made of tetrahedra, and so always a closed manifold. Cost grows with the number of
+/// cells.
 ///
 /// # Errors
 /// If the mesh is no solid, a parameter is out of range, there would be too many cells, or the evaluation is told to stop.
@@ -191,7 +190,7 @@ pub fn hollow(
     if open > 0 {
         return Err(HollowError::Open { count: open });
     }
-    let crossing = progress.part(0.0..0.1, |progress| crossings(mesh, progress))?;
+    let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
     if let Some(&faces) = crossing.first() {
         return Err(HollowError::Crossing { count: crossing.len(), faces });
     }
@@ -204,7 +203,7 @@ pub fn hollow(
     let depth = progress.part(0.1..0.8, |progress| {
         Depth::new((mesh, &tree), low, (counts, spacing), thickness, progress)
     })?;
-    let (points, triangles) = contour::contour(&depth, thickness, progress)?;
+    let Contour { points, triangles, .. } = depth.contour(thickness, progress)?;
     if triangles.is_empty() {
         return Ok(mesh.clone());
     }
@@ -236,11 +235,7 @@ fn drill(
     outlet: &Outlet,
 ) -> Result<Mesh, MeshError> {
     let nearest = |(mesh, tree): (&Mesh, &TriangleTree), at: Point3<f64>| {
-        tree.nearest_to_all(&[at])[0].map_or(at, |place| {
-            let corners = place.corners(mesh).map(|it| mesh.faces().corners()[it] as usize);
-            let parts = corners.map(|it| mesh.positions()[it]).into_iter().zip(place.shares);
-            parts.fold(Point3::origin(), |sum, (at, share)| sum + at.coords * share)
-        })
+        tree.nearest_to_all(&[at])[0].map_or(at, |nearest| nearest.place(mesh))
     };
     let start = nearest(skin, outlet.at.into());
     let end = nearest(cavity, start);

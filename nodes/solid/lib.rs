@@ -2,29 +2,37 @@
 
 use maquette::Pack;
 
+mod base;
 mod boolean;
-mod boxes;
 mod combine;
-mod crossings;
+mod contour;
+mod grown;
 mod hollow;
 mod lend;
 mod operation;
 mod polygons;
+mod round;
+mod shell;
 mod solid;
+mod thicken;
 mod volume;
 
+pub use base::BaseError;
 pub use boolean::Boolean;
 pub use combine::{BooleanError, boolean};
 pub use hollow::{Hollow, HollowError, Outlet, hollow};
 pub use operation::Operation;
-pub use solid::{Base, Holes, Solid, SolidError, solid};
+pub use round::RoundError;
+pub use shell::{Shell, ShellError, Side, shell};
+pub use solid::{Base, Holes, Solid, SolidError, SolidMesh, solid};
+pub use thicken::ThickenError;
 
 maquette::nodes_of_this_build!();
 
 /// Nodes that make solids: what a printer can make.
 pub static PACK: Pack = Pack {
     name: "solid",
-    nodes: &[node::<Solid>(), node::<Hollow>(), node::<Boolean>()],
+    nodes: &[node::<Solid>(), node::<Shell>(), node::<Hollow>(), node::<Boolean>()],
     values: &[],
     formats: &[],
     readers: &[],

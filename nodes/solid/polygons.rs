@@ -150,6 +150,9 @@ fn is_within(triangle: [Flat; 3], at: Flat) -> bool {
     (0..3).all(|k| turn([triangle[k], triangle[(k + 1) % 3], at]) >= 0.0)
 }
 
+/// What is nearer than this share of a polygon's extent is one place.
+const LINE: f64 = 1e-9;
+
 /// Triangles of a polygon: corners are cut off, at each step the one whose triangle is the least thin.
 fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
     let count = corners.len();
@@ -157,6 +160,9 @@ fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
     let mut before = Vec::from_iter([count - 1].into_iter().chain(0..count - 1));
     let mut left = Vec::from_iter(0..count);
     let place = |k: usize| corners[k].1;
+    let extent = corners.iter().fold(0.0f64, |most, (_, at)| {
+        most.max((at[0] - place(0)[0]).abs()).max((at[1] - place(0)[1]).abs())
+    });
     // How good the triangle of a corner is: negative if it cannot be cut off, and how bad that would be.
     let judge = |k: usize, next: &[usize], before: &[usize], left: &[usize]| -> f64 {
         let triangle = [before[k], k, next[k]];
@@ -165,6 +171,20 @@ fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
         let length =
             |a: Flat, b: Flat| (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]);
         let longest = (0..3).map(|i| length(ear[i], ear[(i + 1) % 3])).fold(0.0, f64::max);
+        // Where the border runs there and back, nothing is between: what comes from there to the rest must not be cut off by a large triangle.
+        let [there, back] = [before[k], next[k]].map(|end| {
+            let end = place(end);
+            [end[0] - place(k)[0], end[1] - place(k)[1]]
+        });
+        let least = LINE * extent;
+        let is_short = [there, back].iter().any(|it| it[0].abs().max(it[1].abs()) <= least);
+        let along = there[0] * back[0] + there[1] * back[1];
+        if is_short {
+            return 3.0;
+        }
+        if twice.abs() <= least * longest.sqrt() && 0.0 < along {
+            return 2.0;
+        }
         let shape = if longest > 0.0 { twice / longest } else { 0.0 };
         if twice <= 0.0 {
             return shape.min(-f64::MIN_POSITIVE);

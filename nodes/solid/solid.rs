@@ -1,16 +1,15 @@
 //! Makes a solid of a surface.
 
-use maquette::value::{Attribute, Faces, Mesh, MeshError};
+use maquette::value::{Mesh, MeshError};
 use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
 use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
-use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::crossings::crossings;
-use crate::polygons::{flat, loops, triangulate};
+use crate::base::{BaseError, Ground, seen, with_base};
+use crate::thicken::{ThickenError, still_thin, thicken};
 
 /// Makes a solid of a surface: what was seen from the front gets walls and a flat base, and what is nearly closed is closed.
 ///
@@ -23,6 +22,11 @@ pub struct Solid {
     /// What it stands on.
     #[serde(default)]
     pub base: Base,
+    /// How thick its walls are at least, straight in from each face, so that `Printable` holds: what is thinner grows, by as much on both sides, but not
+    /// through a flat base. 0 leaves them as they are.
+    #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+    #[serde(default)]
+    pub thickness: f64,
 }
 
 /// What a solid stands on.
@@ -70,29 +74,15 @@ impl Default for Base {
 /// Why a surface has no solid.
 #[derive(Debug, Error)]
 pub enum SolidError {
-    /// A mesh without a border.
-    #[error(
-        "the mesh has no border from which walls could run: it is closed, and `base: Keep` leaves it so"
-    )]
-    NoBorder,
-    /// A direction that is none.
-    #[error("{}", match given { Some([x, y, z]) => format!("`up` is ({x}, {y}, {z}), but a direction has a length"), None => "the faces look to all sides alike: say where the upper side is by `up`".to_owned() })]
-    NoUp {
-        /// What was given.
-        given: Option<[f64; 3]>,
-    },
-    /// Faces that look away.
-    #[error(
-        "{count} of {all} faces look away from {from}, most of the surface by area: `Orient` turns faces, and `up` says where the upper side is"
-    )]
-    Away {
-        /// How many.
-        count: usize,
-        /// Of how many.
-        all: usize,
-        /// From what.
-        from: &'static str,
-    },
+    /// Walls that cannot be.
+    #[error("`thickness` is {0}, but must be a number from 0 on")]
+    Thickness(f64),
+    /// Walls that cannot be made thicker.
+    #[error(transparent)]
+    Thicken(#[from] ThickenError),
+    /// There is no base.
+    #[error(transparent)]
+    Base(#[from] BaseError),
     /// A border that stays.
     #[error(
         "{count} edges of the mesh are still open after its holes are filled: a border around an open scan is no hole; `base: Flat()` gives it walls"
@@ -150,25 +140,45 @@ impl Node for Solid {
     )];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let (solid, unseen) = solid(cx.get(&self.mesh), &self.base, cx.progress())?;
+        let mesh = cx.get(&self.mesh);
+        let SolidMesh { mesh, unseen, thin } =
+            solid(mesh, &self.base, self.thickness, cx.progress())?;
         if unseen > 0 {
             let faces = if unseen == 1 { "face is" } else { "faces are" };
             cx.warn(format!("{unseen} {faces} left out: they look away from the sensor, or hang by a vertex alone where such a face was"));
         }
-        Ok((solid,))
+        if thin > 0 {
+            cx.warn(still_thin(thin, self.thickness));
+        }
+        Ok((mesh,))
     }
 }
 
-/// A solid of a surface, see [`Solid`], and how many faces were left out because no sensor can have seen them.
+/// A solid of a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidMesh {
+    /// Its skin.
+    pub mesh: Mesh,
+    /// How many faces were left out because no sensor can have seen them.
+    pub unseen: usize,
+    /// How many faces have less behind them than the walls should be thick.
+    pub thin: usize,
+}
+
+/// A solid of a surface, see [`Solid`], with walls of at least `thickness` mm.
 ///
 /// # Errors
-/// If it would be none, or the evaluation is told to stop.
+/// If it would be none, a thickness is none, or the evaluation is told to stop.
 pub fn solid(
     mesh: &Mesh,
     base: &Base,
+    thickness: f64,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), SolidError> {
-    let (solid, unseen) = match *base {
+) -> Result<SolidMesh, SolidError> {
+    if !(0.0 <= thickness && thickness.is_finite()) {
+        return Err(SolidError::Thickness(thickness));
+    }
+    let (solid, unseen, floor) = match *base {
         Base::Flat { behind, up, holes } => {
             let ground = Ground::of(mesh, behind, up)?;
             let front = match ground {
@@ -180,30 +190,27 @@ pub fn solid(
                 Holes::Through => front,
                 Holes::Fill => {
                     progress
-                        .part(0.0..0.7, |progress| {
+                        .part(0.0..0.5, |progress| {
                             fill_holes(&front, &HoleChoice::All, &FillMethod::Membrane, progress)
                         })?
                         .mesh
                 }
             };
-            (with_base(&front, &ground)?, unseen)
+            (with_base(&front, &ground)?, unseen, Some(ground.floor()))
         }
-        Base::Keep => (progress.part(0.0..0.7, |progress| closed(mesh, progress))?, 0),
+        Base::Keep => (progress.part(0.0..0.5, |progress| closed(mesh, progress))?, 0, None),
     };
-    let crossing = progress.part(0.7..1.0, |progress| crossings(&solid, progress))?;
-    match crossing.first() {
-        None => Ok((solid, unseen)),
-        Some(&[face, _]) => {
-            let at = middle(&solid, face as usize).coords.into();
-            Err(SolidError::Crossing { count: crossing.len(), at })
-        }
+    let crossing = progress.part(0.5..0.6, |progress| solid.crossings(|| progress.check()))?;
+    if let Some(&[face, _]) = crossing.first() {
+        let at = solid.first_middle(solid.faces().face(face as usize)).coords.into();
+        return Err(SolidError::Crossing { count: crossing.len(), at });
     }
-}
-
-fn middle(mesh: &Mesh, face: usize) -> Point3<f64> {
-    let face = mesh.faces().face(face);
-    let sum: Vector3<f64> = face.iter().map(|&it| mesh.positions()[it as usize].coords).sum();
-    (sum / face.len() as f64).into()
+    if thickness == 0.0 {
+        return Ok(SolidMesh { mesh: solid, unseen, thin: 0 });
+    }
+    let (mesh, thin) =
+        progress.part(0.6..1.0, |progress| thicken(&solid, thickness, floor, progress))?;
+    Ok(SolidMesh { mesh, unseen, thin })
 }
 
 /// The mesh without holes, its outside outside.
@@ -216,180 +223,10 @@ fn closed(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, SolidError> {
     }
 }
 
-/// Where places lie on a base.
-enum Ground {
-    /// Along rays from a sensor at the origin, on a plane at this depth.
-    Seen(f64),
-    /// Straight down, at this height along a direction.
-    Below(Vector3<f64>, f64),
-}
-
-impl Ground {
-    fn of(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Self, SolidError> {
-        let places = mesh.faces().corners().iter().map(|&it| mesh.positions()[it as usize]);
-        if mesh.frame().is_some() && places.clone().all(|place| place.z > 0.0) {
-            let farthest = places.fold(0.0, |z, place| place.z.max(z));
-            return Ok(Self::Seen(farthest + behind));
-        }
-        let faces = mesh.faces().iter();
-        let up = up
-            .map_or_else(|| faces.map(|face| mesh.area_vector(face)).sum(), Vector3::from)
-            .try_normalize(0.0)
-            .filter(|up| up.iter().all(|x| x.is_finite()))
-            .ok_or(SolidError::NoUp { given: up })?;
-        let lowest = places.fold(f64::INFINITY, |low, place| low.min(place.coords.dot(&up)));
-        Ok(Self::Below(up, lowest - behind))
-    }
-
-    fn place(&self, at: Point3<f64>) -> Point3<f64> {
-        match *self {
-            Self::Seen(depth) => Point3::new(at.x * (depth / at.z), at.y * (depth / at.z), depth),
-            Self::Below(up, height) => at + up * (height - at.coords.dot(&up)),
-        }
-    }
-
-    /// Where the base looks.
-    fn down(&self) -> Vector3<f64> {
-        match *self {
-            Self::Seen(_) => Vector3::z(),
-            Self::Below(up, _) => -up,
-        }
-    }
-
-    /// What must see all faces.
-    fn viewer(&self) -> &'static str {
-        match self {
-            Self::Seen(_) => "the sensor",
-            Self::Below(..) => "`up`",
-        }
-    }
-}
-
-/// Twice the area of a face's shadow on the ground; positive if the face looks to where the base does not.
-fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
-    let place = |vertex: u32| ground.place(mesh.positions()[vertex as usize]);
-    let fan = face[1..].windows(2);
-    let areas = fan.map(|pair| {
-        let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
-        -(b - a).cross(&(c - a)).dot(&ground.down())
-    });
-    areas.sum()
-}
-
-/// What of a mesh looks to the sensor, without faces that hang by a vertex alone where others were taken away.
-fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
-    let faces = mesh.faces();
-    let looks = |face: &[u32]| shadow(mesh, face, ground) > 0.0;
-    let mut is_seen = Vec::from_iter(faces.iter().map(looks));
-    // Where all look away it is the mesh that is turned round, and told so.
-    if !is_seen.contains(&false) || !is_seen.contains(&true) {
-        return mesh.clone();
-    }
-    loop {
-        let kept = (0..faces.len() as u32).filter(|&face| is_seen[face as usize]);
-        let kept = Vec::from_iter(kept);
-        let left = mesh.select(&kept);
-        let edges = left.edges();
-        // How often a border leaves each vertex: once at most, unless it joins faces that hang by it alone.
-        let mut borders = vec![0u32; left.positions().len()];
-        for (&edge, &vertex) in edges.of_corner.iter().zip(left.faces().corners().iter()) {
-            borders[vertex as usize] += u32::from(edges.faces[edge as usize] == 1);
-        }
-        let pinched = (0..kept.len())
-            .filter(|&face| left.faces().face(face).iter().any(|&it| 1 < borders[it as usize]));
-        let pinched = Vec::from_iter(pinched);
-        if pinched.is_empty() {
-            return left;
-        }
-        pinched.into_iter().for_each(|face| is_seen[kept[face] as usize] = false);
-    }
-}
-
-/// The mesh with walls from each border to a base.
-fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, SolidError> {
-    let (edges, faces) = (mesh.edges(), mesh.faces());
-    let down = ground.down();
-    let shadows = Vec::from_iter(faces.iter().map(|face| shadow(mesh, face, ground)));
-    // What looks away may still be nowhere in the way.
-    if shadows.iter().sum::<f64>() <= 0.0 {
-        let count = shadows.iter().filter(|area| **area <= 0.0).count();
-        return Err(SolidError::Away { count, all: faces.len(), from: ground.viewer() });
-    }
-    // Sides of faces at the border, as places among all corners.
-    let mut border = Vec::new();
-    for face in 0..faces.len() {
-        let (first, count) = (faces.first_corner(face), faces.face(face).len());
-        let sides = (0..count).map(|k| [first + k, first + (k + 1) % count]);
-        let open = sides.filter(|side| edges.faces[edges.of_corner[side[0]] as usize] == 1);
-        border.extend(open.map(|side| (face as u32, side.map(|corner| corner as u32))));
-    }
-    if border.is_empty() {
-        return Err(SolidError::NoBorder);
-    }
-    // Behind the mesh's own elements, those that new ones copy.
-    let mut vertices = Vec::from_iter(0..mesh.positions().len() as u32);
-    let mut corners = Vec::from_iter(0..faces.corners().len() as u32);
-    let mut sides = Vec::from_iter(faces.iter().map(<[u32]>::len));
-    let mut of_faces = Vec::from_iter(0..faces.len() as u32);
-    let mut all = faces.corners().to_vec();
-    let mut positions = mesh.positions().to_vec();
-    let vertex = |corner: u32| faces.corners()[corner as usize];
-    // Below each vertex of the border its foot, and a corner and a face there.
-    let mut feet = vec![None; positions.len()];
-    for &(face, [corner, _]) in &border {
-        let at = vertex(corner);
-        if feet[at as usize].is_none() {
-            feet[at as usize] = Some((positions.len() as u32, corner, face));
-            positions.push(ground.place(positions[at as usize]));
-            vertices.push(at);
-        }
-    }
-    let foot =
-        |at: u32| feet[at as usize].expect("each vertex of the border is the start of a side");
-    for &(face, [a, b]) in &border {
-        let [low_a, low_b] = [a, b].map(|corner| foot(vertex(corner)).0);
-        let wall = [(vertex(b), b), (vertex(a), a), (low_a, a), (low_b, b)];
-        for triangle in [[0, 1, 2], [0, 2, 3]] {
-            all.extend(triangle.map(|k: usize| wall[k].0));
-            corners.extend(triangle.map(|k: usize| wall[k].1));
-            sides.push(3);
-            of_faces.push(face);
-        }
-    }
-    let outline = Vec::from_iter(border.iter().map(|(_, side)| [vertex(side[1]), vertex(side[0])]));
-    let place = |at: u32| flat(positions[foot(at).0 as usize], down);
-    for triangle in triangulate(&loops(&outline), place) {
-        let own = triangle.map(foot);
-        all.extend(own.map(|(low, ..)| low));
-        corners.extend(own.map(|(_, corner, _)| corner));
-        sides.push(3);
-        of_faces.push(own[0].2);
-    }
-    let faces = match sides.iter().all(|count| *count == 3) {
-        true => Faces::uniform(3, all)?,
-        false => Faces::polygons(&sides, all)?,
-    };
-    let mut solid = Mesh::new(positions, faces)?
-        .with_creases(mesh.creases())?
-        .with_texture(mesh.texture().cloned())
-        .with_frame(mesh.frame().copied());
-    // A normal at the border would be one of walls, too.
-    let kept = |(name, _): &(&str, &Attribute)| *name != "normal";
-    for (name, attribute) in mesh.vertex().iter().filter(kept) {
-        solid = solid.with_vertex(name, attribute.select(&vertices))?;
-    }
-    for (name, attribute) in mesh.corner().iter().filter(kept) {
-        solid = solid.with_corner(name, attribute.select(&corners))?;
-    }
-    for (name, attribute) in mesh.face().iter() {
-        solid = solid.with_face(name, attribute.select(&of_faces))?;
-    }
-    Ok(solid)
-}
-
 #[cfg(test)]
 mod tests {
-    use maquette::value::CaptureFrame;
+    use maquette::value::{Attribute, CaptureFrame, Faces};
+    use nalgebra::{Point3, Vector3};
 
     use super::*;
 
@@ -404,7 +241,7 @@ mod tests {
 
     fn flat_base(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Mesh, SolidError> {
         let base = Base::Flat { behind, up, holes: Holes::Through };
-        Ok(solid(mesh, &base, &Progress::none())?.0)
+        Ok(solid(mesh, &base, 0.0, &Progress::none())?.mesh)
     }
 
     fn volume(mesh: &Mesh) -> f64 {
@@ -435,7 +272,7 @@ mod tests {
         let relief = net(|_, _| 0.0, &[40, 41, 20]);
         check(&flat_base(&relief, 2.0, None).unwrap(), 61.0 * 2.0);
         let base = Base::Flat { behind: 2.0, up: None, holes: Holes::Fill };
-        check(&solid(&relief, &base, &Progress::none()).unwrap().0, 64.0 * 2.0);
+        check(&solid(&relief, &base, 0.0, &Progress::none()).unwrap().mesh, 64.0 * 2.0);
     }
 
     #[test]
@@ -447,7 +284,8 @@ mod tests {
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));
-        let (found, unseen) = solid(&folded, &Base::default(), &Progress::none()).unwrap();
+        let found = solid(&folded, &Base::default(), 0.0, &Progress::none()).unwrap();
+        let SolidMesh { mesh: found, unseen, .. } = found;
         assert!((1..10).contains(&unseen), "{unseen}");
         let edges = found.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
@@ -488,10 +326,26 @@ mod tests {
         let whole = flat_base(&relief, 3.0, None).unwrap();
         let faces =
             Vec::from_iter((0..whole.faces().len() as u32).filter(|k| !(60..66).contains(k)));
-        let (found, _) = solid(&whole.select(&faces), &Base::Keep, &Progress::none()).unwrap();
+        let found = solid(&whole.select(&faces), &Base::Keep, 0.0, &Progress::none()).unwrap().mesh;
         let edges = found.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         assert!((volume(&found) - volume(&whole)).abs() < 0.02 * volume(&whole));
+    }
+
+    #[test]
+    fn thin_walls_become_as_thick_as_asked_above_their_base() {
+        let relief = net(|x, _| if x < 0.0 { 0.2 } else { 3.0 }, &[]);
+        let base = Base::Flat { behind: 0.1, up: Some([0., 0., 1.]), holes: Holes::Fill };
+        let thin = solid(&relief, &base, 0.0, &Progress::none()).unwrap().mesh;
+        let found = solid(&relief, &base, 1.2, &Progress::none()).unwrap();
+        assert_eq!(found.thin, 0);
+        let edges = found.mesh.edges();
+        assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
+        // Half of 64 mm^2 gets 1.1 mm more, and a round rim.
+        let more = volume(&found.mesh) - volume(&thin);
+        assert!((35.0..50.0).contains(&more), "{more}");
+        let lowest = |mesh: &Mesh| mesh.bounds().unwrap().0.z;
+        assert_eq!(lowest(&found.mesh), lowest(&thin));
     }
 
     #[test]
@@ -510,12 +364,14 @@ mod tests {
         let both = maquette_mesh::merge(&[&relief, &above], maquette_mesh::Poses::Ignore).unwrap();
         let text = told(flat_base(&both, 2.0, None));
         assert!(text.starts_with("the solid would run through itself: "), "{text}");
+        let text = told(solid(&relief, &Base::Keep, -1.0, &Progress::none()).map(|it| it.mesh));
+        assert_eq!(text, "`thickness` is -1, but must be a number from 0 on");
         let text = told(flat_base(&relief, 2.0, Some([0.; 3])));
         assert_eq!(text, "`up` is (0, 0, 0), but a direction has a length");
         let text = told(flat_base(&relief, 2.0, Some([0., 0., -1.])));
         assert!(text.starts_with("128 of 128 faces look away from `up`, most"), "{text}");
-        let kept = solid(&relief, &Base::Keep, &Progress::none());
-        let text = told(kept.map(|(mesh, _)| mesh));
+        let kept = solid(&relief, &Base::Keep, 0.0, &Progress::none());
+        let text = told(kept.map(|solid| solid.mesh));
         assert!(text.starts_with("32 edges of the mesh are still open"), "{text}");
         let one = Mesh::new(
             vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)],

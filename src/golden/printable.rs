@@ -1,16 +1,9 @@
 //! Whether a printer can make a mesh: a solid with walls that are thick enough.
 
-use nalgebra::{Point3, Vector3};
-
 use super::compare::six;
 use super::expect::{closed, manifold, no_self_intersection};
 use super::looks::Wrong;
-use crate::parallel::*;
-use crate::value::{AnyValue, Mesh, TriangleTree};
-
-/// Two faces are the sides of a wall if they look away from each other, but for such an angle; where they meet at a larger one there is an edge,
-/// which is thin at its end whatever is done. The cosine of 45 degrees: so the rim at which a body meets its flat base is no wall, and a fin is.
-const OPPOSITE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+use crate::value::{AnyValue, Behind, Mesh, TriangleTree};
 
 /// How many places are reported.
 const PLACES: usize = 1000;
@@ -38,76 +31,41 @@ pub(super) fn printable(mesh: &Mesh, thickness: f64) -> Wrong {
     walls(mesh, thickness)
 }
 
-/// What is behind a face.
-#[derive(Clone, Copy, PartialEq)]
-enum Behind {
-    /// The inside of another one, or nothing that counts.
-    Solid,
-    /// Nothing, or the outside of another one: the face looks inward.
-    Outside,
-    /// The inside of another one, at this distance.
-    Thin(f64),
-}
-
 fn walls(mesh: &Mesh, thickness: f64) -> Wrong {
-    let (low, high) = mesh.bounds()?;
-    let tree = TriangleTree::new(mesh);
-    // A ray that begins on a face would meet it. So near to it nothing else lies in a mesh that can be printed.
-    let start = 1e-9 * (high - low).norm();
-    let middle = |face: &[u32]| {
-        let [a, b, c] = [face[0], face[1], face[2]].map(|at| mesh.positions()[at as usize].coords);
-        Point3::from((a + b + c) / 3.0)
-    };
-    let normal = |face: &[u32]| mesh.area_vector(face).try_normalize(0.0);
-    let behind = |number: usize| {
-        let face = mesh.faces().face(number);
-        // A face without an area has no inside.
-        let Some(out) = normal(face) else { return Behind::Solid };
-        let Some(hit) = tree.first_hit(middle(face) - out * start, -out) else {
-            return Behind::Outside;
-        };
-        let other = normal(mesh.faces().face(hit.face as usize)).unwrap_or(Vector3::zeros());
-        let distance = hit.along + start;
-        match other.dot(&out) {
-            cosine if cosine > 0.0 => Behind::Outside,
-            cosine if cosine < -OPPOSITE && distance < thickness * (1.0 - 1e-9) => {
-                Behind::Thin(distance)
-            }
-            _ => Behind::Solid,
-        }
-    };
-    let count = mesh.faces().len();
-    let behind: Vec<Behind> = (0..count).into_par_iter().map(behind).collect();
+    let behind = mesh.behind(&TriangleTree::new(mesh));
+    let middle = |face: usize| mesh.first_middle(mesh.faces().face(face));
     let told = |offending: &[usize], what: &str| {
         let names = Vec::from_iter(offending.iter().take(NAMED).map(usize::to_string)).join(", ");
         let more = if NAMED < offending.len() { ", .." } else { "" };
-        let places = offending.iter().take(PLACES).map(|&face| middle(mesh.faces().face(face)));
+        let places = offending.iter().take(PLACES).map(|&face| middle(face));
         let faces = if offending.len() == 1 { "face" } else { "faces" };
         let why = format!("has {} {faces} {what} ({faces} {names}{more}", offending.len());
         (why, Vec::from_iter(places))
     };
-    let inward = Vec::from_iter((0..count).filter(|&face| behind[face] == Behind::Outside));
+    let inward = Vec::from_iter((0..behind.len()).filter(|&face| behind[face] == Behind::Outside));
     if let Some(&first) = inward.first() {
         let (why, places) = told(&inward, "that look inward");
-        let at = middle(mesh.faces().face(first));
+        let at = middle(first);
         let place = [at.x, at.y, at.z].map(six).join(", ");
         return Some((format!("{why}; the first is at ({place}))"), places));
     }
-    let thin = (0..count).filter_map(|face| match behind[face] {
-        Behind::Thin(distance) => Some((face, distance)),
+    let thin = behind.iter().enumerate().filter_map(|(face, behind)| match behind {
+        Behind::Wall(distance) if *distance < thickness * (1.0 - 1e-9) => Some((face, *distance)),
         _ => None,
     });
     let thin = Vec::from_iter(thin);
     let &(worst, distance) = thin.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let what = format!("with a wall of less than {} mm behind them", six(thickness));
     let (why, places) = told(&Vec::from_iter(thin.iter().map(|(face, _)| *face)), &what);
-    let at = middle(mesh.faces().face(worst));
+    let at = middle(worst);
     let place = [at.x, at.y, at.z].map(six).join(", ");
     Some((format!("{why}; the thinnest is {worst} at ({place}), {} mm)", six(distance)), places))
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
     use crate::value::Faces;
 

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Summary};
 
+mod crossings;
 mod describe;
 mod elements;
 mod faces;
@@ -12,9 +13,11 @@ mod nearest;
 mod normals;
 mod parts;
 mod properties;
+mod walls;
 
 pub use faces::{Edges, Faces};
 pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
+pub use walls::Behind;
 
 /// Why vertices and faces do not make a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]

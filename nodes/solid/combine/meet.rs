@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::ops::Range;
 
 use maquette::parallel::*;
-use maquette::value::{Mesh, MeshError};
+use maquette::value::{Bounds, BoxTree, Mesh, MeshError};
 use maquette::{Cancelled, Progress};
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::MergeError;
@@ -12,7 +12,6 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::exact::{Grid, Leading, Site, first_of, height};
-use crate::boxes::{Bounds, Boxes};
 
 /// Triangles that one task looks at.
 const CHUNK: usize = 256;
@@ -144,7 +143,7 @@ impl<'a> Pair<'a> {
         };
         let [first, second] = [near(&all[0], &second), near(&all[1], &first)];
         progress.tick(0.1)?;
-        let boxes = Boxes::new(second.iter().map(|it| it.1));
+        let boxes = BoxTree::new(second.iter().map(|it| it.1));
         progress.tick(0.2)?;
         let of_chunk = |chunk: &[(u32, Bounds)]| {
             progress.check()?;
@@ -302,7 +301,7 @@ impl<'a> Pair<'a> {
             let other = 1 - self.solid_of(vertex);
             let triangles = self.triangles_of(other);
             let tree = trees[other].get_or_insert_with(|| {
-                Boxes::new(triangles.clone().map(|it| self.bounds(it as u32)))
+                BoxTree::new(triangles.clone().map(|it| self.bounds(it as u32)))
             });
             let windings = self.windings(vertex, tree, triangles.start);
             let is_inside = windings == 1;
@@ -316,7 +315,7 @@ impl<'a> Pair<'a> {
     }
 
     /// How often the other solid winds around a vertex: what a ray along x leaves more often than it enters.
-    fn windings(&self, vertex: u32, tree: &Boxes, first: usize) -> i32 {
+    fn windings(&self, vertex: u32, tree: &BoxTree, first: usize) -> i32 {
         let from = self.sites[vertex as usize];
         let to = from.far(3 << 28);
         let mut windings = 0;

@@ -4,7 +4,6 @@ use maquette::value::{Attribute, Faces};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::*;
-use crate::crossings::crossings;
 
 /// A box of quads with its lowest corner in a place.
 fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
@@ -154,6 +153,7 @@ fn what_is_flush_leaves_no_film_and_becomes_one() {
     let least =
         joined.faces().iter().map(|face| joined.area_vector(face).norm()).fold(99., f64::min);
     assert!(least > 1.0, "{least}");
+    assert_eq!((joined.positions().len(), joined.faces().len()), (12, 14));
     let slot = cuboid([2., 2., 5.], [3., 3., 5.]);
     let open = made(&cube([0.; 3]), &slot, Operation::Difference).1;
     assert_eq!(
@@ -187,6 +187,26 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from((state >> 16) % below)
     };
+    // How large the skin is of what unit cells an operation leaves.
+    let skin = |boxes: [([f64; 3], [f64; 3]); 2], how: Operation| {
+        let is_in = |at: [f64; 3]| {
+            let [a, b] = boxes
+                .map(|(low, size)| (0..3).all(|k| low[k] <= at[k] && at[k] < low[k] + size[k]));
+            match how {
+                Operation::Union => a || b,
+                Operation::Difference => a && !b,
+                Operation::Intersection => a && b,
+            }
+        };
+        let cells = (0..512).map(|k| [k % 8, k / 8 % 8, k / 64].map(|k| f64::from(k) - 0.5));
+        let sides = cells.flat_map(|cell| [0, 1, 2].map(|axis| (cell, axis)));
+        let between = sides.filter(|&(cell, axis)| {
+            let mut other = cell;
+            other[axis] += 1.0;
+            is_in(cell) != is_in(other)
+        });
+        between.count() as f64
+    };
     for _ in 0..300 {
         let mut solid = || {
             let low = [next(4), next(4), next(4)];
@@ -199,6 +219,15 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
             f64::max(high - low[k].max(other[k]), 0.0)
         });
         check(&a, &b, common.iter().product());
+        for how in [Operation::Union, Operation::Difference, Operation::Intersection] {
+            let made = made(&a, &b, how).1;
+            let found: f64 = made.faces().iter().map(|face| made.area_vector(face).norm()).sum();
+            let wanted = skin([(low, size_a), (other, size_b)], how);
+            assert!(
+                (found - wanted).abs() < 1e-6,
+                "{how:?}: {found}, not {wanted}: {low:?} {size_a:?} {other:?} {size_b:?}"
+            );
+        }
         // What came out of one goes into the next.
         let (c, ..) = solid();
         let union = made(&a, &b, Operation::Union).1;
@@ -213,7 +242,7 @@ fn what_comes_out_does_not_run_through_itself() {
     let second = turned(&cube([-7., -7., -7.]), [0.3, 0.2, 0.1]);
     for how in [Operation::Union, Operation::Difference, Operation::Intersection] {
         let made = made(&first, &second, how).1;
-        assert_eq!(crossings(&made, &Progress::none()).unwrap(), Vec::<[u32; 2]>::new());
+        assert_eq!(made.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
     }
 }
 

@@ -6,6 +6,8 @@ use maquette::{Cancelled, Limit, Progress, TooMuch};
 use maquette_base::solid_angle::half_solid_angle;
 use nalgebra::{Point3, Vector3};
 
+use crate::contour::Contour;
+
 /// Some seconds, and half a gigabyte.
 const NODES: Limit = Limit {
     most: 60_000_000,
@@ -24,9 +26,9 @@ pub(super) struct Depth {
     low: Point3<f64>,
     spacing: f64,
     /// Nodes along x, y and z.
-    pub(super) counts: [usize; 3],
+    counts: [usize; 3],
     /// How far each node is inside, in mm; negative outside, and near the skin. Of a node that is deeper than is asked for, some such depth.
-    pub(super) depths: Vec<f64>,
+    depths: Vec<f64>,
 }
 
 /// How many nodes there are along x, y and z: one more on each side.
@@ -65,11 +67,35 @@ impl Depth {
         Ok(grid)
     }
 
-    pub(super) fn node(&self, [x, y, z]: [usize; 3]) -> usize {
+    /// The surface of what is deeper than this.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn contour(
+        &self,
+        depth: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Contour, Cancelled> {
+        let mut contour = Contour::new(0.02);
+        let [width, height, layers] = self.counts.map(|count| count - 1);
+        for z in 0..layers {
+            progress.check()?;
+            for y in 0..height {
+                for x in 0..width {
+                    let node = |k: usize| self.node([x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)]);
+                    let depths = std::array::from_fn(|k| self.depths[node(k)] - depth);
+                    contour.add([x, y, z], depths, |at| self.place(at));
+                }
+            }
+        }
+        Ok(contour)
+    }
+
+    fn node(&self, [x, y, z]: [usize; 3]) -> usize {
         x + self.counts[0] * (y + self.counts[1] * z)
     }
 
-    pub(super) fn place(&self, at: [usize; 3]) -> Point3<f64> {
+    fn place(&self, at: [usize; 3]) -> Point3<f64> {
         self.low + Vector3::from(at.map(|k| k as f64)) * self.spacing
     }
 

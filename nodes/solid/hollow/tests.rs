@@ -29,7 +29,7 @@ fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
     for (thickness, spacing) in [(2.0, 0.0), (2.0, 0.5), (3.0, 1.5)] {
         let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::none()).unwrap();
         assert!(is_solid(&hollow));
-        assert_eq!(crossings(&hollow, &Progress::none()).unwrap(), Vec::<[u32; 2]>::new());
+        assert_eq!(hollow.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
         let inner = [20.0, 16.0, 12.0].iter().map(|size| size - 2.0 * thickness).product::<f64>();
         let found = 20.0 * 16.0 * 12.0 - volume(&hollow);
         assert!((found - inner).abs() < 0.05 * inner, "{found} {inner}");

@@ -35,6 +35,13 @@ impl NearestPlace {
         let (first, fan) = (mesh.faces().first_corner(self.face as usize), self.fan as usize);
         [first, first + fan + 1, first + fan + 2]
     }
+
+    /// The nearest point.
+    pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
+        let corners = self.corners(mesh).map(|corner| mesh.faces().corners()[corner] as usize);
+        let parts = corners.map(|vertex| mesh.positions()[vertex]).into_iter().zip(self.shares);
+        parts.fold(Point3::origin(), |sum, (at, share)| sum + at.coords * share)
+    }
 }
 
 /// Lowest and highest coordinates, rounded outwards: half the memory.

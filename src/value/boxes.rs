@@ -4,34 +4,38 @@ use nalgebra::Point3;
 
 /// A box along the axes, with its border.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds {
-    pub(crate) low: Point3<f64>,
-    pub(crate) high: Point3<f64>,
+pub struct Bounds {
+    /// Its lowest coordinates.
+    pub low: Point3<f64>,
+    /// Its highest.
+    pub high: Point3<f64>,
 }
 
 impl Bounds {
     /// Around some points, one at least.
-    pub(crate) fn around(points: &[Point3<f64>]) -> Self {
+    pub fn around(points: &[Point3<f64>]) -> Self {
         let start = Self { low: points[0], high: points[0] };
         points
             .iter()
             .fold(start, |it, point| Self { low: it.low.inf(point), high: it.high.sup(point) })
     }
 
-    pub(crate) fn join(&self, other: &Self) -> Self {
+    /// Around both.
+    pub fn join(&self, other: &Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }
 
-    pub(crate) fn overlaps(&self, other: &Self) -> bool {
+    /// Whether they have a point in common.
+    pub fn overlaps(&self, other: &Self) -> bool {
         (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
     }
 }
 
-/// Boxes of a leaf.
+/// BoxTree of a leaf.
 const LEAF: usize = 4;
 
 /// Some boxes, in a tree: each node is followed by those below it.
-pub(crate) struct Boxes {
+pub struct BoxTree {
     order: Vec<(Bounds, u32)>,
     nodes: Vec<Node>,
 }
@@ -44,9 +48,9 @@ struct Node {
     own: std::ops::Range<usize>,
 }
 
-impl Boxes {
+impl BoxTree {
     /// The tree of some boxes. Cost grows with n log n.
-    pub(crate) fn new(boxes: impl Iterator<Item = Bounds>) -> Self {
+    pub fn new(boxes: impl Iterator<Item = Bounds>) -> Self {
         let mut order = Vec::from_iter(boxes.zip(0..));
         let mut nodes = Vec::new();
         if !order.is_empty() {
@@ -56,7 +60,7 @@ impl Boxes {
     }
 
     /// Calls `found` with the number of each box that overlaps this one.
-    pub(crate) fn near(&self, bounds: &Bounds, mut found: impl FnMut(u32)) {
+    pub fn near(&self, bounds: &Bounds, mut found: impl FnMut(u32)) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             if !node.bounds.overlaps(bounds) {
@@ -100,7 +104,7 @@ mod tests {
             Bounds { low: at, high: at + nalgebra::Vector3::repeat(f64::from(k % 4)) }
         };
         for count in [0, 1, 4, 5, 200] {
-            let boxes = Boxes::new((0..count).map(cube));
+            let boxes = BoxTree::new((0..count).map(cube));
             for of in (0..30).map(|k| cube(3 * k)) {
                 let mut found = Vec::new();
                 boxes.near(&of, |number| found.push(number));

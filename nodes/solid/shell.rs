@@ -1,0 +1,370 @@
+//! Gives a surface a thickness.
+
+use std::collections::BTreeMap;
+
+use maquette::value::{Mesh, MeshError, TriangleTree};
+use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_mesh::{OrientError, Outside, orient};
+use nalgebra::Vector3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::base::{Ground, seen, with_base};
+use crate::combine::{BooleanError, boolean};
+use crate::grown::{Grown, border};
+use crate::lend::lend;
+use crate::operation::Operation;
+use crate::polygons::{flat, loops, triangulate};
+use crate::round::{RoundError, round};
+use crate::thicken::{still_thin, thin};
+use crate::volume::volume;
+
+/// Gives a surface a thickness: an open scan becomes a shell that can be printed, as a mask is.
+///
+/// The surface itself stays as it is, unless it lies in the middle. The other side is as far from it everywhere as the shell is thick, and there is none where there is no
+/// room for it: a finger becomes solid. Borders are cut straight. Where the surface itself is the skin of something thinner, or a border meets the surface at a sharp
+/// angle, the shell is thinner, and that is told. What lies on the surface lies on the other side as at the nearest place.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Shell {
+    /// The surface.
+    pub mesh: In<Mesh>,
+    /// How thick it is at least.
+    #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+    #[serde(default = "two")]
+    pub thickness: f64,
+    /// On which side of the surface.
+    #[serde(default)]
+    pub side: Side,
+}
+
+fn two() -> f64 {
+    2.0
+}
+
+/// Where a shell lies beside its surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Side {
+    /// Behind it: the surface is what is seen from where its faces look.
+    #[default]
+    Inside,
+    /// In front of it.
+    Outside,
+    /// By half on either side.
+    Middle,
+}
+
+/// Why a surface has no shell.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ShellError {
+    /// A thickness that is none.
+    #[error("`thickness` is {0}, but must be a number above 0")]
+    Thickness(f64),
+    /// A surface that nothing closes.
+    #[error("what closes the surface runs through it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); `side: Middle` needs nothing closed, and if the surface itself runs through itself there, `Reconstruct` makes one skin of it", at[0], at[1], at[2])]
+    Crossing {
+        /// How many pairs there are.
+        count: usize,
+        /// Where the first one is.
+        at: [f64; 3],
+    },
+    /// A surface without an inside.
+    #[error(
+        "behind the surface there is no inside: `Orient` turns its faces, and `side: Middle` needs none"
+    )]
+    InsideOut,
+    /// A side that is none.
+    #[error(transparent)]
+    Orient(#[from] OrientError),
+    /// Too many places around the surface.
+    #[error(transparent)]
+    Round(#[from] RoundError),
+    /// What is around the surface meets it in a way that cannot be decided.
+    #[error(transparent)]
+    Boolean(#[from] BooleanError),
+    /// Places out of all bounds.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl Node for Shell {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const WANTS: &'static [Want<Self>] = &[
+        Want::new("mesh", "NonEmpty"),
+        Want::new("mesh", "Manifold"),
+        Want::new("mesh", "Oriented"),
+    ];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Closed"),
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::always("mesh", "NonEmpty"),
+        Promise::from("mesh", "Triangles", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::each(
+        "mesh",
+        "mesh",
+        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+    )];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let (shell, thin) = shell(cx.get(&self.mesh), self.thickness, self.side, cx.progress())?;
+        if thin > 0 {
+            cx.warn(still_thin(thin, self.thickness));
+        }
+        Ok((shell,))
+    }
+}
+
+/// The other side is a little farther away than asked for, because what bends is measured between flat faces.
+const MORE: f64 = 1.03;
+
+/// How far walls run behind a border, as a multiple of the thickness: farther than the shell reaches.
+const BEHIND: f64 = 1.3;
+
+/// A lid that looks as the faces around it do, or away from all of them, up to this angle (as its cosine), closes a border at its rim only: walls run
+/// behind it first. The cosine of 45 degrees.
+const FLAT: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+/// A shell of a surface, see [`Shell`], and how many faces have still less behind them than the thickness.
+///
+/// The surface is closed to a body, of which that is taken which is no farther from the surface than the thickness: so the other side cannot run
+/// through itself, and where there is no room for it there is none. Cost grows with the area of the surface, in squares of the thickness.
+///
+/// # Errors
+/// If the thickness is none, nothing closes the surface, there are too many places around it, or the evaluation is told to stop.
+pub fn shell(
+    mesh: &Mesh,
+    thickness: f64,
+    side: Side,
+    progress: &Progress<'_>,
+) -> Result<(Mesh, usize), ShellError> {
+    if !(thickness > 0.0 && thickness.is_finite()) {
+        return Err(ShellError::Thickness(thickness));
+    }
+    if side == Side::Middle {
+        let around = progress.part(0.0..0.9, |progress| {
+            round(mesh, (MORE * thickness / 2.0, 2.0), None, progress)
+        })?;
+        let around = lend(mesh, &TriangleTree::new(mesh), around)?;
+        return Ok((around.with_frame(mesh.frame().copied()), 0));
+    }
+    let turned;
+    let mesh = if side == Side::Outside {
+        turned = orient(mesh, Outside::Flip)?.mesh;
+        &turned
+    } else {
+        mesh
+    };
+    let body = progress.part(0.0..0.2, |progress| body(mesh, BEHIND * thickness, progress))?;
+    let around =
+        progress.part(0.2..0.6, |progress| round(mesh, (MORE * thickness, 2.0), None, progress))?;
+    let around = lend(mesh, &TriangleTree::new(mesh), around)?.with_frame(mesh.frame().copied());
+    let shell = progress
+        .part(0.6..0.9, |progress| boolean(&body, &[&around], Operation::Intersection, progress))?;
+    let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
+    Ok((shell, thin))
+}
+
+/// A body whose skin the surface is a part of: with lids on its borders, or, where that runs through itself, with walls to a flat base.
+fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, ShellError> {
+    let found = |body: &Mesh| -> Result<Option<ShellError>, ShellError> {
+        let found = body.crossings(|| progress.check())?;
+        Ok(match found.first() {
+            Some(&[face, _]) => {
+                let at = body.first_middle(body.faces().face(face as usize)).coords.into();
+                Some(ShellError::Crossing { count: found.len(), at })
+            }
+            None if volume(body, body.positions()[0]) <= 0.0 => Some(ShellError::InsideOut),
+            None => None,
+        })
+    };
+    let body = with_lids(mesh, behind)?;
+    let Some(why) = found(&body)? else { return Ok(body) };
+    let based = Ground::of(mesh, behind, None).and_then(|ground| {
+        let front = if mesh.frame().is_some() { seen(mesh, &ground) } else { mesh.clone() };
+        with_base(&front, &ground)
+    });
+    match based {
+        Ok(body) if found(&body)?.is_none() => Ok(body),
+        _ => Err(why),
+    }
+}
+
+/// The surface with a lid on each border. Walls run behind it first where the lid would lie in the surface, or on its back.
+fn with_lids(mesh: &Mesh, behind: f64) -> Result<Mesh, MeshError> {
+    let faces = mesh.faces();
+    let vertex = |corner: u32| faces.corners()[corner as usize];
+    let sides = border(mesh).into_iter().map(|own| (own.1.map(vertex), own));
+    // Lids run along sides the other way round.
+    let sides: BTreeMap<[u32; 2], _> = sides.map(|([a, b], own)| ([b, a], own)).collect();
+    let mut grown = Grown::new(mesh);
+    for rim in loops(&Vec::from_iter(sides.keys().copied())) {
+        let next = rim[1..].iter().chain(&rim[..1]);
+        let own = Vec::from_iter(rim.iter().zip(next).map(|(&a, &b)| sides[&[a, b]]));
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        let from = |corner: u32| place(vertex(corner)) - place(rim[0]);
+        // Where the lid looks, and the faces at its rim.
+        let lid: Vector3<f64> = own.iter().map(|(_, [a, b])| from(*b).cross(&from(*a))).sum();
+        let out = own.iter().map(|(face, _)| {
+            let out = mesh.area_vector(faces.face(*face as usize));
+            out.try_normalize(0.0).unwrap_or_default()
+        });
+        let out = out.sum::<Vector3<f64>>() / own.len() as f64;
+        let lid = lid.try_normalize(0.0).or(out.try_normalize(0.0)).unwrap_or_default();
+        let has_walls = FLAT < lid.dot(&out).abs();
+        let way = if has_walls { -out.normalize() * behind } else { Vector3::zeros() };
+        // The foot of each vertex, its place, and what it is like.
+        let mut feet = BTreeMap::new();
+        for &(face, [_, corner]) in &own {
+            let at = vertex(corner);
+            feet.entry(at).or_insert_with(|| {
+                let foot = place(at) + way;
+                let number = if has_walls { grown.add_vertex(foot, at) } else { at };
+                (number, foot, corner, face)
+            });
+        }
+        for &(face, [a, b]) in own.iter().filter(|_| has_walls) {
+            let [low_a, low_b] = [a, b].map(|corner| feet[&vertex(corner)].0);
+            let wall = [[vertex(b), b], [vertex(a), a], [low_a, a], [low_b, b]];
+            grown.add_face([0, 1, 2].map(|k: usize| wall[k]), face);
+            grown.add_face([0, 2, 3].map(|k: usize| wall[k]), face);
+        }
+        for triangle in triangulate(&[rim], |at| flat(feet[&at].1, lid)) {
+            let own = triangle.map(|at| feet[&at]);
+            grown.add_face(own.map(|(foot, _, corner, _)| [foot, corner]), own[0].3);
+        }
+    }
+    grown.mesh()
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Attribute, Faces};
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A net of 21 x 21 places over 20 x 20 mm at these heights.
+    fn net(height: impl Fn(f64, f64) -> f64) -> Mesh {
+        let places = (0..441).map(|k| [f64::from(k % 21) - 10.0, f64::from(k / 21) - 10.0]);
+        let positions = places.map(|[x, y]| Point3::new(x, y, height(x, y))).collect::<Vec<_>>();
+        let cells = (0..420).filter(|k| k % 21 < 20);
+        let faces = cells.flat_map(|k| [[k, k + 1, k + 22], [k, k + 22, k + 21]]).collect();
+        Mesh::new(positions, Faces::triangles(faces)).unwrap()
+    }
+
+    fn made(mesh: &Mesh, thickness: f64, side: Side, most_thin: f64) -> Mesh {
+        let (shell, thin) = shell(mesh, thickness, side, &Progress::none()).unwrap();
+        let edges = shell.edges();
+        assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
+        assert_eq!(shell.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
+        assert!(
+            thin as f64 <= most_thin * shell.faces().len() as f64,
+            "{thin} of {}",
+            shell.faces().len()
+        );
+        shell
+    }
+
+    fn volume(mesh: &Mesh) -> f64 {
+        crate::volume::volume(mesh, Point3::origin())
+    }
+
+    #[test]
+    fn a_plane_becomes_a_plate_on_the_side_that_is_asked_for() {
+        let plane = net(|_, _| 0.0);
+        for (side, low) in [(Side::Inside, -2.06), (Side::Outside, 0.0)] {
+            let plate = made(&plane, 2.0, side, 0.0);
+            let bounds = plate.bounds().unwrap();
+            assert!((bounds.0.z - low).abs() < 1e-6 && (bounds.1.z - low - 2.06).abs() < 1e-6);
+            // The walls are upright.
+            assert!((volume(&plate) - 400.0 * 2.06).abs() < 0.5, "{}", volume(&plate));
+        }
+        let plate = made(&plane, 2.0, Side::Middle, 0.0);
+        let bounds = plate.bounds().unwrap();
+        assert!((bounds.0.z + 1.03).abs() < 1e-6 && (bounds.1.z - 1.03).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_surface_stays_where_the_other_side_has_no_room() {
+        // A ridge that is narrower than two walls, and noise.
+        let noise = |x: f64, y: f64| 0.1 * libm::sin(37.0 * x + 91.0 * y * y);
+        let ridge = net(|x, y| 4.0 * libm::exp(-x * x / 3.0) + noise(x, y));
+        for side in [Side::Inside, Side::Outside] {
+            let shell = made(&ridge, 1.5, side, 0.01);
+            let places = shell.positions();
+            assert!(ridge.positions().iter().all(|at| places.contains(at)), "{side:?}");
+        }
+        made(&ridge, 1.5, Side::Middle, 0.01);
+    }
+
+    #[test]
+    fn a_cap_gets_an_even_rim_and_a_hole_stays_open() {
+        let dome = net(|x, y| (225.0 - x * x - y * y).sqrt());
+        let kept = (0..dome.faces().len()).filter(|&face| {
+            let mut places =
+                dome.faces().face(face).iter().map(|&it| dome.positions()[it as usize]);
+            !places.all(|at| at.x.abs() < 3.1 && (-2.1..1.1).contains(&at.y))
+        });
+        let dome = dome.select(&Vec::from_iter(kept.map(|face| face as u32)));
+        let shell = made(&dome, 1.0, Side::Inside, 0.03);
+        let (vertices, faces, edges) =
+            (shell.positions().len(), shell.faces().len(), shell.edges().faces.len());
+        // A plate with a hole, as a torus.
+        assert_eq!(vertices + faces, edges);
+        // The surface looks up at its border rather than to the side: walls run down from there, as far as the shell is thick.
+        let lowest = |mesh: &Mesh| mesh.bounds().unwrap().0.z;
+        assert!((1.02..1.04).contains(&(lowest(&dome) - lowest(&shell))));
+    }
+
+    #[test]
+    fn a_closed_mesh_becomes_hollow() {
+        let block = crate::thicken::tests::cuboid([10.0, 12.0, 14.0], 2);
+        let hollow = made(&block, 1.0, Side::Inside, 0.0);
+        let inner = 1680.0 - volume(&hollow);
+        assert!((inner - 7.94 * 9.94 * 11.94).abs() < 0.03 * inner, "{inner}");
+    }
+
+    #[test]
+    fn both_sides_have_what_lies_on_the_surface() {
+        let colors = Attribute::Color((0..441).map(|k| [k as u8, 0, 0]).collect());
+        let parts = Attribute::Index((0..800).collect());
+        let plane = net(|_, _| 0.0).with_vertex("color", colors).unwrap();
+        let shell = made(&plane.with_face("part", parts).unwrap(), 2.0, Side::Inside, 0.0);
+        let colors = shell.vertex().colors("color").unwrap();
+        let from = |low: f64| {
+            let colors = shell.positions().iter().zip(colors.iter());
+            colors.filter(move |(at, _)| (at.z - low).abs() < 0.1).map(|(_, color)| color[0])
+        };
+        assert!(from(0.0).max() == Some(255) && from(-2.06).max() == Some(255));
+        assert!(shell.face().get("part").is_some());
+    }
+
+    #[test]
+    fn what_has_no_shell_is_told_why() {
+        let told = |mesh: &Mesh, thickness| {
+            shell(mesh, thickness, Side::Inside, &Progress::none()).unwrap_err().to_string()
+        };
+        let plane = net(|_, _| 0.0);
+        assert_eq!(told(&plane, 0.0), "`thickness` is 0, but must be a number above 0");
+        assert_eq!(told(&plane, f64::NAN), "`thickness` is NaN, but must be a number above 0");
+        let steep = plane.with_positions(
+            plane.positions().iter().map(|p| Point3::new(p.x, p.x * p.y / 9.0, p.y)).collect(),
+        );
+        let both =
+            maquette_mesh::merge(&[&plane, &steep.unwrap()], maquette_mesh::Poses::Ignore).unwrap();
+        let text = told(&both, 1.0);
+        assert!(text.starts_with("what closes the surface runs through it: "), "{text}");
+        let ball = crate::thicken::tests::cuboid([10.0; 3], 2);
+        let turned = orient(&ball, Outside::Flip).unwrap().mesh;
+        assert!(told(&turned, 1.0).starts_with("behind the surface there is no inside: "));
+    }
+}

@@ -1,0 +1,194 @@
+//! Walls that are thick enough.
+
+use maquette::parallel::*;
+use maquette::value::{Behind, Faces, Mesh, MeshError, TriangleTree};
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+use thiserror::Error;
+
+use crate::combine::{BooleanError, boolean};
+use crate::lend::lend;
+use crate::operation::Operation;
+use crate::round::{Floor, RoundError, round};
+
+/// How often what is still too thin gets more.
+const PASSES: usize = 3;
+
+/// What is added is thicker by this factor than what is asked for, because it is made of flat faces.
+const MORE: f64 = 1.1;
+
+/// Why walls cannot be made thicker.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ThickenError {
+    /// Too many places.
+    #[error(transparent)]
+    Round(#[from] RoundError),
+    /// What is added meets the solid in a way that cannot be decided.
+    #[error(transparent)]
+    Boolean(#[from] BooleanError),
+    /// Too much for a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// The solid with walls of at least `thickness` mm, straight in from the middle of each face, and how many faces have still less behind them.
+///
+/// Where a wall is too thin, all that is nearer to the middle between its sides than half the thickness is united with it: so it grows by the same on
+/// both sides, and not at all where it is just thick enough. What is thick enough stays as it is. Nothing grows through the floor.
+pub(crate) fn thicken(
+    solid: &Mesh,
+    thickness: f64,
+    floor: Option<Floor>,
+    progress: &Progress<'_>,
+) -> Result<(Mesh, usize), ThickenError> {
+    let mut made = solid.clone();
+    for pass in 0..=PASSES {
+        let tree = TriangleTree::new(&made);
+        let thin = thin(&made, &tree, thickness);
+        if thin.is_empty() || pass == PASSES {
+            return Ok((made, thin.len()));
+        }
+        let share = |part: f64| (pass as f64 + part) / PASSES as f64;
+        let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
+        let added = progress.part(share(0.0)..share(0.7), |progress| {
+            round(&middle, (MORE * thickness / 2.0, 3.0), floor, progress)
+        })?;
+        let added = lend(&made, &tree, added)?.with_frame(made.frame().copied());
+        made = progress.part(share(0.7)..share(1.0), |progress| {
+            boolean(&made, &[&added], Operation::Union, progress)
+        })?;
+    }
+    Ok((made, 0))
+}
+
+/// A warning of so many faces with less than `thickness` mm behind them.
+pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
+    let faces = if count == 1 { "face has" } else { "faces have" };
+    format!(
+        "{count} {faces} still a wall of less than {thickness} mm behind them; `Printable(thickness: ..)` among `expect` tells where"
+    )
+}
+
+/// Faces with less than `thickness` behind them, and how much that is.
+pub(crate) fn thin(mesh: &Mesh, tree: &TriangleTree, thickness: f64) -> Vec<(usize, f64)> {
+    let behind = mesh.behind(tree).into_iter().enumerate();
+    let thin = behind.filter_map(|(face, behind)| match behind {
+        Behind::Wall(distance) if distance < thickness * (1.0 - 1e-9) => Some((face, distance)),
+        _ => None,
+    });
+    thin.collect()
+}
+
+/// The middle between the sides of walls: each face is moved inward at each corner by half of what lies behind it there. What would be too near to the floor lies higher.
+fn sheet(
+    mesh: &Mesh,
+    tree: &TriangleTree,
+    thin: &[(usize, f64)],
+    (thickness, floor): (f64, Option<Floor>),
+) -> Result<Mesh, MeshError> {
+    let of_face = |&(face, distance): &(usize, f64)| {
+        let face = mesh.faces().face(face);
+        let inward = -mesh.area_vector(face).normalize();
+        let center = mesh.first_middle(face);
+        let corner = move |&vertex: &u32| {
+            let at = mesh.positions()[vertex as usize];
+            // A ray at the corner itself would meet the faces next to it.
+            let start = at + (center - at) * 0.01;
+            let hit = tree.first_hit(start + inward * (1e-6 * distance), inward);
+            let depth = hit.map_or(distance, |hit| hit.along).min(thickness);
+            let middle = start + inward * (depth / 2.0);
+            let lacks = floor.map_or(Vector3::zeros(), |floor| {
+                floor.up * (MORE * thickness / 2.0 - floor.above(&middle)).max(0.0)
+            });
+            middle + lacks
+        };
+        Vec::from_iter(face.iter().map(corner))
+    };
+    let places: Vec<Vec<Point3<f64>>> = thin.par_iter().map(of_face).collect();
+    let sides = Vec::from_iter(places.iter().map(Vec::len));
+    let places = places.concat();
+    let corners = Vec::from_iter(0..places.len() as u32);
+    Mesh::new(places, Faces::polygons(&sides, corners)?)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A box from the origin, each side of which is cut into n x n cells of two triangles.
+    pub(crate) fn cuboid(size: [f64; 3], n: u32) -> Mesh {
+        let mut numbers = std::collections::HashMap::new();
+        let (mut places, mut triangles) = (Vec::new(), Vec::new());
+        for axis in 0..3 {
+            let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+            for (end, i, j) in (0..2 * n * n).map(|k| (k / (n * n), k % n, k / n % n)) {
+                let mut vertex = |i: u32, j: u32| {
+                    let mut at = [0; 3];
+                    (at[axis], at[u], at[v]) = (end * n, i, j);
+                    *numbers.entry(at).or_insert_with(|| {
+                        let share = |k: usize| f64::from(at[k]) / f64::from(n) * size[k];
+                        places.push(Point3::new(share(0), share(1), share(2)));
+                        places.len() as u32 - 1
+                    })
+                };
+                let [a, b, c, d] =
+                    [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[di, dj]| vertex(i + di, j + dj));
+                triangles.extend(match end {
+                    0 => [[a, c, b], [a, d, c]],
+                    _ => [[a, b, c], [a, c, d]],
+                });
+            }
+        }
+        Mesh::new(places, Faces::triangles(triangles)).unwrap()
+    }
+
+    fn is_solid(mesh: &Mesh) -> bool {
+        let edges = mesh.edges();
+        edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2)
+    }
+
+    #[test]
+    fn a_thin_plate_becomes_as_thick_as_asked() {
+        let plate = cuboid([20.0, 12.0, 0.3], 12);
+        let (thick, left) = thicken(&plate, 1.5, None, &Progress::none()).unwrap();
+        assert!(is_solid(&thick));
+        assert_eq!(left, 0);
+        let (low, high) = thick.bounds().unwrap();
+        assert!((1.5..1.7).contains(&(high.z - low.z)), "{low} {high}");
+    }
+
+    #[test]
+    fn what_is_thick_enough_stays() {
+        let block = cuboid([4.0, 6.0, 5.0], 3);
+        assert_eq!(thicken(&block, 1.5, None, &Progress::none()).unwrap(), (block, 0));
+    }
+
+    #[test]
+    fn a_fin_on_a_block_grows_and_the_block_does_not() {
+        let block = cuboid([10.0; 3], 4);
+        let fin = cuboid([0.4, 8.0, 8.0], 6);
+        let up = Vector3::new(4.7, 1.1, 9.0);
+        let fin = fin.with_positions(fin.positions().iter().map(|p| p + up).collect()).unwrap();
+        let both = boolean(&block, &[&fin], Operation::Union, &Progress::none()).unwrap();
+        let (thick, left) = thicken(&both, 1.2, None, &Progress::none()).unwrap();
+        assert!(is_solid(&thick));
+        assert_eq!(left, 0);
+        let corners = [Point3::origin(), Point3::new(10.0, 10.0, 0.0)];
+        assert!(corners.iter().all(|corner| thick.positions().contains(corner)));
+        let (low, high) = thick.bounds().unwrap();
+        assert!(low.z == 0.0 && (17.0..17.8).contains(&high.z), "{low} {high}");
+    }
+
+    #[test]
+    fn a_plate_on_a_floor_grows_upward() {
+        let plate = cuboid([20.0, 12.0, 0.3], 12);
+        let floor = Floor { up: Vector3::z(), height: 0.0 };
+        let (thick, left) = thicken(&plate, 1.5, Some(floor), &Progress::none()).unwrap();
+        assert!(is_solid(&thick) && left == 0);
+        let (low, high) = thick.bounds().unwrap();
+        assert!(low.z == 0.0 && (1.5..1.8).contains(&high.z), "{low} {high}");
+    }
+}
