@@ -31,8 +31,11 @@ pub(crate) struct SmoothTriangle {
     /// What lies around the triangle at the first corner before each step.
     steps: Vec<Around>,
     /// The last patch, and over which new triangle of which step it is; over the whole one if over none.
-    last: Option<(Option<(usize, ChildTriangle)>, Quartic)>,
+    last: Option<(Option<Place>, Box<Quartic>)>,
 }
+
+/// A new triangle of a step.
+type Place = (usize, ChildTriangle);
 
 /// What lies around a triangle.
 struct Around {
@@ -92,7 +95,7 @@ impl SmoothTriangle {
     }
 
     /// The patch over a new triangle of a step, or over the whole one.
-    fn patch(&mut self, over: Option<(usize, ChildTriangle)>) -> Option<&Quartic> {
+    fn patch(&mut self, over: Option<Place>) -> Option<&Quartic> {
         if self.last.as_ref().is_none_or(|(last, _)| *last != over) {
             let patch = match over {
                 None => self.steps[0].whole(),
@@ -103,9 +106,9 @@ impl SmoothTriangle {
                     self.steps[step].child(&self.steps[step + 1], child)
                 }
             };
-            self.last = Some((over, patch));
+            self.last = Some((over, Box::new(patch)));
         }
-        self.last.as_ref().map(|(_, patch)| patch)
+        self.last.as_ref().map(|(_, patch)| &**patch)
     }
 }
 
