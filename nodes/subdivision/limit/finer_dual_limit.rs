@@ -7,7 +7,7 @@ use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
 use super::dual_limit::DualLimit;
-use super::limit_rows::side_normals;
+use super::limit_rows::complete_normals;
 use crate::SubdivideError;
 use crate::masks::turns::turn;
 use crate::refine::connectivity::Ring;
@@ -60,11 +60,12 @@ impl FinerDualLimit {
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
         let both = positions.par_iter_mut().zip(&mut normals).enumerate().with_min_len(BLOCK);
-        both.for_each_init(Ring::default, |ring, (vertex, (place, normal))| {
-            self.limit.mesh.ring(self.limit.starts[vertex], ring);
-            let n = ring.halves.len();
+        both.for_each_init(Vec::new, |fan, (vertex, (place, normal))| {
+            fan.clear();
+            fan.extend(self.limit.mesh.fan(self.limit.starts[vertex]));
+            let n = fan.len();
             let [mut sum, mut first, mut second] = [Vector3::zeros(); 3];
-            for (j, &half) in ring.halves.iter().enumerate() {
+            for (j, &half) in fan.iter().enumerate() {
                 let (point, [cosine, sine]) = (inside.at(half), turn(j, n));
                 sum += point;
                 first += point * cosine;
@@ -78,30 +79,12 @@ impl FinerDualLimit {
         });
         for (&vertex, place) in self.border.iter().zip(self.positions.apply(control)) {
             positions[vertex as usize] = place;
-            normals[vertex as usize] = [0.0; 3];
         }
         let limit = mesh.with_positions(positions)?;
-        self.complete_normals(&limit, control, &mut normals);
+        let odd = self.border.iter().map(|&vertex| [vertex, self.limit.starts[vertex as usize]]);
+        let (odd, tangents) = (Vec::from_iter(odd), (&self.tangents, &self.sides[..]));
+        complete_normals(&mut normals, &limit, control, &self.limit.mesh, &odd, tangents);
         limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
-    }
-
-    /// The normals on the border, and where tangents do not span a plane.
-    fn complete_normals(&self, limit: &Mesh, control: &[Point3<f64>], normals: &mut [[f64; 3]]) {
-        let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
-        if !normals.par_iter().with_min_len(BLOCK).any(is_missing) {
-            return;
-        }
-        let fallback = limit.vertex_normals();
-        for (normal, fallback) in normals.iter_mut().zip(&fallback) {
-            if is_missing(normal) {
-                *normal = (*fallback).into();
-            }
-        }
-        for (item, &vertex) in self.border.iter().enumerate() {
-            let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
-            let fallback = fallback[vertex as usize];
-            normals[vertex as usize] = side_normals(&self.tangents, rows, control, fallback).into();
-        }
     }
 
     /// How many bytes it holds.

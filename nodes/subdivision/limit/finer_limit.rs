@@ -7,7 +7,7 @@ use maquette::parallel::*;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
-use super::limit_rows::side_normals;
+use super::limit_rows::complete_normals;
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::Sharpness;
@@ -78,7 +78,8 @@ impl FinerLimit {
             positions[vertex as usize] = point;
         }
         let limit = mesh.with_positions(positions)?;
-        self.complete_normals(&limit, control, &mut normals);
+        let (mesh, tangents) = (&self.level.mesh, (&self.tangents, &self.sides[..]));
+        complete_normals(&mut normals, &limit, control, mesh, &self.level.odd, tangents);
         limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
@@ -100,30 +101,6 @@ impl FinerLimit {
             let normal = first.cross(&second).try_normalize(0.0).unwrap_or_default();
             [place.into(), normal.into()]
         });
-    }
-
-    /// The normals of the odd vertices, and of those whose tangents do not span a plane.
-    fn complete_normals(&self, limit: &Mesh, control: &[Point3<f64>], normals: &mut [[f64; 3]]) {
-        let odd = &self.level.odd;
-        let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
-        if !normals.par_iter().with_min_len(BLOCK).any(is_missing) {
-            return;
-        }
-        let fallback = limit.vertex_normals();
-        for (normal, fallback) in normals.iter_mut().zip(&fallback) {
-            if is_missing(normal) {
-                *normal = (*fallback).into();
-            }
-        }
-        let made: Vec<[f64; 3]> = (0..odd.len())
-            .into_par_iter()
-            .with_min_len(BLOCK)
-            .map(|item| {
-                let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
-                side_normals(&self.tangents, rows, control, fallback[odd[item][0] as usize]).into()
-            })
-            .collect();
-        odd.iter().zip(made).for_each(|([vertex, _], normal)| normals[*vertex as usize] = normal);
     }
 }
 

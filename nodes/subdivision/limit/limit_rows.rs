@@ -140,6 +140,45 @@ impl Limit {
     }
 }
 
+/// Writes the normals of the `odd` vertices, each with a half-edge from it, by their pairs of `tangents` and the first row of each; and,
+/// of all vertices, those that are zero, because tangents do not span a plane.
+pub(crate) fn complete_normals(
+    normals: &mut [[f64; 3]],
+    limit: &Mesh,
+    control: &[Point3<f64>],
+    mesh: &Connectivity,
+    odd: &[[u32; 2]],
+    (tangents, sides): (&Stencils, &[u32]),
+) {
+    let items = (0..odd.len()).into_par_iter().with_min_len(BLOCK);
+    let made = items.map_init(Vec::new, |faces, item| {
+        let rows = sides[item] as usize..sides[item + 1] as usize;
+        let fallback = vertex_normal(limit, mesh, odd[item][1], faces);
+        side_normals(tangents, rows, control, fallback).into()
+    });
+    let made: Vec<[f64; 3]> = made.collect();
+    odd.iter().zip(made).for_each(|([vertex, _], normal)| normals[*vertex as usize] = normal);
+    let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
+    if normals.par_iter().with_min_len(BLOCK).any(is_missing) {
+        let missing = normals.iter_mut().zip(limit.vertex_normals());
+        missing.filter(|(normal, _)| is_missing(normal)).for_each(|(to, from)| *to = from.into());
+    }
+}
+
+/// What [`Mesh::vertex_normals`] has for the vertex from which `start` runs.
+fn vertex_normal(
+    limit: &Mesh,
+    mesh: &Connectivity,
+    start: u32,
+    faces: &mut Vec<u32>,
+) -> Vector3<f64> {
+    faces.clear();
+    faces.extend(mesh.fan(start).map(|half| mesh.face_of(half)));
+    faces.sort_unstable();
+    let areas = faces.iter().map(|&face| limit.area_vector(limit.faces().face(face as usize)));
+    areas.sum::<Vector3<f64>>().try_normalize(0.0).unwrap_or_default()
+}
+
 /// The mean of the unit normals of the pairs of tangents in `rows`; as for [`Limit::normal`].
 pub(crate) fn side_normals(
     tangents: &Stencils,

@@ -1,5 +1,6 @@
 //! The cosines and sines of the parts of a full turn.
 
+use std::borrow::Cow;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
@@ -14,6 +15,12 @@ static TURNS: LazyLock<Vec<Vec<[f64; 2]>>> =
 pub(crate) fn turn(j: usize, n: usize) -> [f64; 2] {
     let known = TURNS.get(n).and_then(|turns| turns.get(j));
     known.copied().unwrap_or_else(|| compute(j, n))
+}
+
+/// The cosines and sines of all of `n` parts.
+pub(crate) fn turns(n: usize) -> Cow<'static, [[f64; 2]]> {
+    let computed = || Cow::Owned((0..n).map(|j| compute(j, n)).collect());
+    TURNS.get(n).map_or_else(computed, |turns| Cow::Borrowed(&turns[..]))
 }
 
 fn compute(j: usize, n: usize) -> [f64; 2] {

@@ -181,24 +181,28 @@ impl Connectivity {
     /// Fills `ring` with what lies around the vertex from which `start` runs, at a boundary the clockwise-most half-edge.
     pub(crate) fn ring(&self, start: u32, ring: &mut Ring) {
         ring.halves.clear();
+        ring.halves.extend(self.fan(start));
+        let corner = |&half: &u32| self.corners()[half as usize];
+        let edge = |&half: &u32| self.edge_of[half as usize];
         ring.neighbors.clear();
+        ring.neighbors.extend(ring.halves.iter().map(|&half| corner(&self.next(half))));
         ring.edges.clear();
-        ring.closed = false;
-        let mut half = start;
-        while half != NONE {
-            ring.halves.push(half);
-            ring.neighbors.push(self.corners()[self.next(half) as usize]);
-            ring.edges.push(self.edge_of[half as usize]);
-            let previous = self.previous(half);
-            half = self.twin(previous);
-            if half == NONE {
-                ring.neighbors.push(self.corners()[previous as usize]);
-                ring.edges.push(self.edge_of[previous as usize]);
-            } else if half == start {
-                ring.closed = true;
-                return;
-            }
+        ring.edges.extend(ring.halves.iter().map(edge));
+        let end = ring.halves.last().map(|&last| self.previous(last));
+        ring.closed = end.is_some_and(|end| self.twin(end) != NONE);
+        if let Some(end) = end.filter(|_| !ring.closed) {
+            ring.neighbors.push(corner(&end));
+            ring.edges.push(edge(&end));
         }
+    }
+
+    /// The half-edges from the vertex from which `start` runs, counter-clockwise, to a boundary or all around.
+    pub(crate) fn fan(&self, start: u32) -> impl Iterator<Item = u32> {
+        let after = move |&half: &u32| {
+            let after = self.twin(self.previous(half));
+            (after != NONE && after != start).then_some(after)
+        };
+        std::iter::successors((start != NONE).then_some(start), after)
     }
 
     /// Compares the faces in the fan around each vertex with the faces that name it.
@@ -208,25 +212,15 @@ impl Connectivity {
         let vertices: Vec<u32> = (0..starts.len() as u32)
             .into_par_iter()
             .with_min_len(4096)
-            .filter(|&vertex| self.n_fan(starts[vertex as usize]) != degrees[vertex as usize])
+            .filter(|&vertex| {
+                let fan = self.fan(starts[vertex as usize]);
+                fan.count() != degrees[vertex as usize] as usize
+            })
             .collect();
         match vertices.is_empty() {
             true => Ok(()),
             false => Err(SubdivideError::NonManifold { edges: Vec::new(), vertices }),
         }
-    }
-
-    /// Number of faces in the fan that begins with a half-edge.
-    fn n_fan(&self, start: u32) -> u32 {
-        let (mut half, mut count) = (start, 0);
-        while half != NONE {
-            count += 1;
-            half = self.twin(self.previous(half));
-            if half == start {
-                break;
-            }
-        }
-        count
     }
 
     /// How many bytes it holds.
@@ -252,9 +246,11 @@ fn turns(faces: &Faces) -> Vec<[u32; 3]> {
     for (index, face) in (0..).zip(faces.iter()) {
         let first = turns.len() as u32;
         let sides = face.len() as u32;
-        turns.extend(
-            (0..sides).map(|k| [first + (k + 1) % sides, first + (k + sides - 1) % sides, index]),
-        );
+        turns.extend((0..sides).map(|k| {
+            let next = if k + 1 == sides { first } else { first + k + 1 };
+            let previous = if k == 0 { first + sides - 1 } else { first + k - 1 };
+            [next, previous, index]
+        }));
     }
     turns
 }

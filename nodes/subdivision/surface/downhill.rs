@@ -13,8 +13,14 @@ pub(crate) trait Parts {
     /// The mesh of the faces.
     fn mesh(&self) -> &Connectivity;
 
+    /// The part over a face.
+    fn part(&self, part: u32) -> impl Part;
+}
+
+/// A part of a surface. It remembers what the next place is found by.
+pub(crate) trait Part {
     /// The point at a place.
-    fn at(&self, spot: Spot) -> LimitPoint;
+    fn at(&mut self, at: [f64; 2]) -> LimitPoint;
 }
 
 /// A place on a face.
@@ -55,8 +61,8 @@ pub(crate) fn downhill(
     let mesh = surface.mesh();
     let count = mesh.faces.sides().unwrap_or_default() as u32;
     let sides = Sides { mesh, count, may_enter };
-    let look = |spot: Spot| surface.at(spot);
-    let (mut spot, mut point) = (start, look(start));
+    let mut part = surface.part(start.part);
+    let (mut spot, mut point) = (start, part.at(start.at));
     let (mut looks, mut came, mut held) = (1, NONE, false);
     while looks < MOST_LOOKS {
         let spoke = to - point.point;
@@ -69,7 +75,8 @@ pub(crate) fn downhill(
             Way::Nowhere => break,
             Way::Through(half) => {
                 (spot, came) = (sides.entered(spot, half), half);
-                (point, looks) = (look(spot), looks + 1);
+                part = surface.part(spot.part);
+                (point, looks) = (part.at(spot.at), looks + 1);
             }
             Way::Across(step) | Way::Along(step) => {
                 if is_foot(step) {
@@ -83,11 +90,10 @@ pub(crate) fn downhill(
                         1.0 => end,
                         _ => [0, 1].map(|k| spot.at[k] + (end[k] - spot.at[k]) * share),
                     };
-                    let there = Spot { at, ..spot };
-                    let point = look(there);
+                    let point = part.at(at);
                     looks += 1;
                     let is_nearer = (to - point.point).norm_squared() < spoke.norm_squared();
-                    is_nearer.then_some((there, point))
+                    is_nearer.then_some((Spot { at, ..spot }, point))
                 });
                 let Some(nearer) = nearer else { break };
                 ((spot, point), came) = (nearer, NONE);

@@ -5,46 +5,65 @@
 //! `(1, 1)`. Where the four faces are quads it is a biquadratic B-spline; else it is refined, with nothing but these faces, until the
 //! place is in such a patch.
 
+use std::borrow::Cow;
+
 use maquette::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::face_point::{FacePoint, QUAD};
 use super::limit_point::LimitPoint;
-use super::patches::Jet;
-use crate::masks::turns::turn;
+use super::patches::{Jet, tensor};
+use crate::masks::turns::turns;
 use crate::refine::connectivity::{Connectivity, NONE};
 use crate::refine::doo_sabin::Inside;
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
 
-/// What lies around a vertex amid four faces: their corners counter-clockwise from it on. The middle of face `k` is corner `k` of the
-/// part.
-type Net = [Vec<Vector3<f64>>; 4];
+/// What lies around a vertex amid four faces: their corners counter-clockwise from it on, face by face. The middle of face `k` is
+/// corner `k` of the part.
+struct Net {
+    points: Vec<Vector3<f64>>,
+    /// Where each face ends.
+    ends: [usize; 4],
+}
 
 /// A vertex amid four quads, `[i][j]` with `i` along `u`.
 type Quads = [[Vector3<f64>; 3]; 3];
 
-/// The point of a part at the start of `half`, whose vertex has faces all around; `refined` is where one step puts each corner.
-pub(crate) fn at_corner(
-    mesh: &Connectivity,
-    refined: &[Vector3<f64>],
-    half: u32,
-    at: [f64; 2],
-) -> LimitPoint {
-    let mut place = FacePoint::new(at[0], at[1]);
-    let mut net = around(mesh, refined, half);
-    for _ in 0..DEEPEST {
-        if let Some(quads) = quads(&net) {
-            return place.point(biquadratic(&quads, place.at));
-        }
-        if place.is_corner(QUAD).is_some() {
-            break;
-        }
-        let corner = place.halve_quad();
-        net = child(&net, corner);
+/// A part of the surface, with what refinement made of it where places of it were asked for.
+pub(crate) struct DualPart {
+    /// What lies around the vertex amid the part after each step; before that the corner at which it lies in the part before.
+    steps: Vec<(usize, Net)>,
+}
+
+impl DualPart {
+    /// The part at the start of `half`, whose vertex has faces all around; `refined` is where one step puts each corner.
+    pub(crate) fn at_corner(mesh: &Connectivity, refined: &[Vector3<f64>], half: u32) -> Self {
+        Self { steps: vec![(0, around(mesh, refined, half))] }
     }
-    middle(&net[place.nearest_corner(QUAD)])
+
+    /// The point at a place of the part.
+    pub(crate) fn at(&mut self, mut place: FacePoint) -> LimitPoint {
+        let mut step = 0;
+        while step < DEEPEST {
+            let net = &self.steps[step].1;
+            if let Some(quads) = net.quads() {
+                return place.point(biquadratic(&quads, place.at));
+            }
+            if place.is_corner(QUAD).is_some() {
+                break;
+            }
+            step += 1;
+            let corner = place.halve_quad();
+            if self.steps.get(step).is_none_or(|(last, _)| *last != corner) {
+                let child = net.child(corner);
+                self.steps.truncate(step);
+                self.steps.push((corner, child));
+            }
+        }
+        middle(self.steps[step].1.face(place.nearest_corner(QUAD)))
+    }
 }
 
 /// Where one step puts each corner.
@@ -58,72 +77,105 @@ fn around(mesh: &Connectivity, refined: &[Vector3<f64>], half: u32) -> Net {
     let at = |half: u32| refined[half as usize];
     let (next, before) = (mesh.next(half), mesh.previous(half));
     let (right, left) = (mesh.twin(half), mesh.twin(before));
-    let walk = |to: &dyn Fn(u32) -> u32| {
-        let others = std::iter::successors(Some(to(half)), |&other| Some(to(other)));
-        let others = others.take_while(|&other| other != half && other != NONE);
-        std::iter::once(half).chain(others).map(at).collect()
+    let walk = |to: fn(&Connectivity, u32) -> u32| {
+        let others =
+            std::iter::successors(Some(to(mesh, half)), move |&other| Some(to(mesh, other)));
+        let others = others.take_while(move |&other| other != half && other != NONE);
+        std::iter::once(half).chain(others).map(at)
     };
-    [
-        walk(&|half| mesh.twin(mesh.previous(half))),
-        [half, mesh.next(right), right, next].map(at).to_vec(),
-        walk(&|half| mesh.next(half)),
-        [half, before, mesh.next(left), left].map(at).to_vec(),
-    ]
+    Net::new(
+        walk(|mesh, half| mesh.twin(mesh.previous(half))),
+        [half, mesh.next(right), right, next].map(at),
+        walk(|mesh, half| mesh.next(half)),
+        [half, before, mesh.next(left), left].map(at),
+    )
 }
 
-/// What lies around the new vertex in face `k`; its part is the quarter at corner `k`.
-fn child(net: &Net, k: usize) -> Net {
-    let fine = [0, 1, 2, 3].map(|j| finer_face(&net[(k + j) % 4]));
-    let [own, after, across, before] = &fine;
-    let last = |face: &[Vector3<f64>]| face[face.len() - 1];
-    [
-        own.clone(),
-        vec![own[0], last(own), after[1], after[0]],
-        vec![own[0], after[0], across[0], before[0]],
-        vec![own[0], before[0], last(before), own[1]],
-    ]
+impl Net {
+    /// That of four faces, of which two at least are quads.
+    fn new(
+        lower: impl Iterator<Item = Vector3<f64>>,
+        right: [Vector3<f64>; 4],
+        upper: impl Iterator<Item = Vector3<f64>>,
+        left: [Vector3<f64>; 4],
+    ) -> Self {
+        let mut points = Vec::with_capacity(16);
+        points.extend(lower);
+        let first = points.len();
+        points.extend(right);
+        points.extend(upper);
+        let third = points.len();
+        points.extend(left);
+        Self { points, ends: [first, first + 4, third, third + 4] }
+    }
+
+    fn face(&self, k: usize) -> &[Vector3<f64>] {
+        &self.points[if k == 0 { 0 } else { self.ends[k - 1] }..self.ends[k]]
+    }
+
+    fn quads(&self) -> Option<Quads> {
+        (self.ends == [4, 8, 12, 16]).then(|| {
+            let [lower, right, upper, left] = [0, 1, 2, 3].map(|k| self.face(k));
+            [
+                [lower[2], lower[1], left[2]],
+                [lower[3], lower[0], upper[3]],
+                [right[2], upper[1], upper[2]],
+            ]
+        })
+    }
+
+    /// What lies around the new vertex in face `k`; its part is the quarter at corner `k`.
+    fn child(&self, k: usize) -> Self {
+        let [own, after, across, before] =
+            [0, 1, 2, 3].map(|j| FinerFace::new(self.face((k + j) % 4)));
+        let vertex = own.at(0);
+        Self::new(
+            (0..own.old.len()).map(|j| own.at(j)),
+            [vertex, own.at(own.old.len() - 1), after.at(1), after.at(0)],
+            [vertex, after.at(0), across.at(0), before.at(0)].into_iter(),
+            [vertex, before.at(0), before.at(before.old.len() - 1), own.at(1)],
+        )
+    }
 }
 
 /// The new vertices in a face.
-fn finer_face(face: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    let [center, a, b] = moments(face);
-    let m = face.len();
-    let new = |(k, own): (usize, &Vector3<f64>)| {
-        let [cosine, sine] = turn(k, m);
-        own * 0.25 + center * 0.75 + (a * cosine + b * sine) * (0.5 / m as f64)
-    };
-    face.iter().enumerate().map(new).collect()
+struct FinerFace<'a> {
+    old: &'a [Vector3<f64>],
+    turns: Cow<'static, [[f64; 2]]>,
+    /// The parts of the old corners that the new ones have in common: 3/4 of the centroid, and the sums with cosines and sines.
+    common: [Vector3<f64>; 3],
+}
+
+impl<'a> FinerFace<'a> {
+    fn new(old: &'a [Vector3<f64>]) -> Self {
+        let turns = turns(old.len());
+        let [center, a, b] = moments(old, &turns);
+        Self { old, turns, common: [center * 0.75, a, b] }
+    }
+
+    /// The new vertex at a corner.
+    fn at(&self, k: usize) -> Vector3<f64> {
+        let ([center, a, b], [cosine, sine]) = (self.common, self.turns[k]);
+        self.old[k] * 0.25 + center + (a * cosine + b * sine) * (0.5 / self.old.len() as f64)
+    }
 }
 
 /// The centroid of a face, and the sums of its corners with cosines and sines.
-fn moments(face: &[Vector3<f64>]) -> [Vector3<f64>; 3] {
-    let (mut sums, m) = ([Vector3::zeros(); 3], face.len());
-    for (j, point) in face.iter().enumerate() {
-        let [cosine, sine] = turn(j, m);
+fn moments(face: &[Vector3<f64>], turns: &[[f64; 2]]) -> [Vector3<f64>; 3] {
+    let mut sums = [Vector3::zeros(); 3];
+    for (point, [cosine, sine]) in face.iter().zip(turns) {
         sums[0] += point;
-        sums[1] += point * cosine;
-        sums[2] += point * sine;
+        sums[1] += point * *cosine;
+        sums[2] += point * *sine;
     }
-    sums[0] /= m as f64;
+    sums[0] /= face.len() as f64;
     sums
 }
 
 /// The limit in the middle of a face.
 fn middle(face: &[Vector3<f64>]) -> LimitPoint {
-    let [center, a, b] = moments(face);
+    let [center, a, b] = moments(face, &turns(face.len()));
     LimitPoint { point: center.into(), first: [a, b], second: None }
-}
-
-fn quads(net: &Net) -> Option<Quads> {
-    let [lower, right, upper, left] = net;
-    let is_regular = net.iter().all(|face| face.len() == 4);
-    is_regular.then(|| {
-        [
-            [lower[2], lower[1], left[2]],
-            [lower[3], lower[0], upper[3]],
-            [right[2], upper[1], upper[2]],
-        ]
-    })
 }
 
 /// Values, first and second derivatives of the three quadratic B-splines over a unit interval.
@@ -133,16 +185,7 @@ fn quadratic(t: f64) -> [[f64; 3]; 3] {
 }
 
 fn biquadratic(net: &Quads, [u, v]: [f64; 2]) -> Jet {
-    let (along_u, along_v) = (quadratic(u), quadratic(v));
-    [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]].map(|[k, l]| {
-        let mut sum = Vector3::zeros();
-        for (row, weight) in net.iter().zip(along_u[k]) {
-            for (point, other) in row.iter().zip(along_v[l]) {
-                sum += point * (weight * other);
-            }
-        }
-        sum
-    })
+    tensor(|[i, j]| net[i][j], &quadratic(u), &quadratic(v))
 }
 
 #[cfg(test)]
@@ -151,6 +194,15 @@ mod tests {
     use crate::limit::dual_limit::DualLimit;
     use crate::shapes::{cube, noisy, prism, sphere, torus};
     use crate::{Boundary, Plan, Scheme, Subdivision};
+
+    fn at_corner(
+        mesh: &Connectivity,
+        refined: &[Vector3<f64>],
+        half: u32,
+        [u, v]: [f64; 2],
+    ) -> LimitPoint {
+        DualPart::at_corner(mesh, refined, half).at(FacePoint::new(u, v))
+    }
 
     #[test]
     fn limit_points_of_finer_meshes_lie_where_their_parameters_are() {

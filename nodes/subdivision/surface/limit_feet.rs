@@ -4,9 +4,10 @@ use maquette::parallel::*;
 use maquette::value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
-use super::downhill::{Nearest, Parts, Spot, downhill};
-use super::dual_surface;
+use super::downhill::{Nearest, Part, Parts, Spot, downhill};
+use super::dual_surface::{self, DualPart};
 use super::face_point::FacePoint;
+use super::limit_surface::LimitPart;
 use crate::limit::limit_rows::Limit;
 use crate::refine::connectivity::{Connectivity, Ring};
 use crate::refine::level::Level;
@@ -193,10 +194,28 @@ impl Parts for Shape {
         }
     }
 
-    fn at(&self, Spot { part, at }: Spot) -> LimitPoint {
+    fn part(&self, part: u32) -> impl Part {
         match self {
-            Self::Primal(surface) => surface.at_part(part, FacePoint::new(at[0], at[1])),
-            Self::Dual(dual) => dual_surface::at_corner(&dual.control, &dual.refined, part, at),
+            Self::Primal(surface) => ShapePart::Primal(surface.part(part)),
+            Self::Dual(dual) => {
+                ShapePart::Dual(DualPart::at_corner(&dual.control, &dual.refined, part))
+            }
+        }
+    }
+}
+
+/// A part of a limit surface.
+enum ShapePart<'a> {
+    Primal(LimitPart<'a>),
+    Dual(DualPart),
+}
+
+impl Part for ShapePart<'_> {
+    fn at(&mut self, at: [f64; 2]) -> LimitPoint {
+        let place = FacePoint::new(at[0], at[1]);
+        match self {
+            Self::Primal(part) => part.at(place),
+            Self::Dual(part) => part.at(place),
         }
     }
 }

@@ -13,7 +13,6 @@ use nalgebra::Point3;
 
 use super::face_point::{FacePoint, QUAD, TRIANGLE};
 use super::limit_point::LimitPoint;
-use super::patches::Jet;
 use super::piece::Piece;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
@@ -127,36 +126,36 @@ impl LimitSurface {
 
     /// The point at a place of a part, by the coordinates that the place came from.
     pub(crate) fn at_part(&self, part: u32, place: FacePoint) -> LimitPoint {
-        match self.smooth_jet(part, place.at) {
-            Some(jet) => place.point(jet),
-            None => self.by_pieces(part, place),
-        }
+        self.part(part).at(place)
     }
 
-    /// The surface at a place of a part without creases, with one irregular corner at most, to which the place is not too near.
-    fn smooth_jet(&self, part: u32, [u, v]: [f64; 2]) -> Option<Jet> {
+    /// A part, for looking at several places of it.
+    pub(crate) fn part(&self, part: u32) -> LimitPart<'_> {
+        LimitPart { surface: self, part, smooth: self.smooth(part) }
+    }
+
+    /// A part without creases, with one irregular corner at most.
+    fn smooth(&self, part: u32) -> Smooth {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
         let is_known = |n: u8| (3..=MOST).contains(&usize::from(n));
         match rules.scheme {
-            PrimalScheme::Loop => {
-                let half = 3 * part;
-                let [n, second, third] = [half, half + 1, half + 2].map(valence);
-                let is_one = second == 6 && third == 6 && is_known(n);
-                is_one
-                    .then(|| SmoothTriangle::around(mesh, &self.points, half, n.into()).jet(u, v))?
-            }
+            PrimalScheme::Loop => match [3 * part, 3 * part + 1, 3 * part + 2].map(valence) {
+                [n, 6, 6] if is_known(n) => {
+                    let half = 3 * part;
+                    Smooth::Triangle(SmoothTriangle::around(mesh, &self.points, half, n.into()))
+                }
+                _ => Smooth::Not,
+            },
             PrimalScheme::CatmullClark => {
                 let half = 4 * part;
                 let quad =
                     |half: u32, n: u8| SmoothQuad::around(mesh, &self.points, half, n.into());
                 // One step puts the irregular corner first, or across from it where it is the middle of a polygon.
                 match [half, half + 1, half + 2, half + 3].map(valence) {
-                    [n, 4, 4, 4] if is_known(n) => quad(half, n).jet(u, v),
-                    [4, 4, n, 4] if is_known(n) => {
-                        quad(half + 2, n).jet(1.0 - u, 1.0 - v).map(|jet| scaled(jet, -1.0))
-                    }
-                    _ => None,
+                    [n, 4, 4, 4] if is_known(n) => Smooth::Quad(quad(half, n)),
+                    [4, 4, n, 4] if is_known(n) => Smooth::TurnedQuad(quad(half + 2, n)),
+                    _ => Smooth::Not,
                 }
             }
         }
@@ -185,6 +184,40 @@ impl LimitSurface {
             piece = piece.refined(rules, part);
         }
         piece.corner(rules, place.nearest_corner(corners))
+    }
+}
+
+/// A part of a limit surface, with what refinement made of it where places of it were asked for.
+pub(crate) struct LimitPart<'a> {
+    surface: &'a LimitSurface,
+    part: u32,
+    smooth: Smooth,
+}
+
+/// A part without creases, with one irregular corner at most.
+enum Smooth {
+    Triangle(SmoothTriangle),
+    Quad(SmoothQuad),
+    /// A quad from its third corner on.
+    TurnedQuad(SmoothQuad),
+    Not,
+}
+
+impl LimitPart<'_> {
+    /// The point at a place of the part, by the coordinates that the place came from.
+    pub(crate) fn at(&mut self, place: FacePoint) -> LimitPoint {
+        let [u, v] = place.at;
+        let jet = match &mut self.smooth {
+            Smooth::Triangle(triangle) => triangle.jet(u, v),
+            Smooth::Quad(quad) => quad.jet(u, v),
+            Smooth::TurnedQuad(quad) => quad.jet(1.0 - u, 1.0 - v).map(|jet| scaled(jet, -1.0)),
+            Smooth::Not => None,
+        };
+        // Too near to an irregular corner there is none, either.
+        match jet {
+            Some(jet) => place.point(jet),
+            None => self.surface.by_pieces(self.part, place),
+        }
     }
 }
 

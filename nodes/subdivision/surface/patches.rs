@@ -16,45 +16,59 @@ fn cubic(t: f64) -> [[f64; 4]; 3] {
     ]
 }
 
-/// The surface at `(u, v)` in the middle square of `net[i][j]`, `i` along `u`.
-pub(crate) fn bicubic(net: &[[Vector3<f64>; 4]; 4], u: f64, v: f64) -> Jet {
-    let (along_u, along_v) = (cubic(u), cubic(v));
-    [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]].map(|[k, l]| {
-        let mut sum = Vector3::zeros();
-        for (row, weight) in net.iter().zip(along_u[k]) {
-            for (point, other) in row.iter().zip(along_v[l]) {
-                sum += point * (weight * other);
-            }
-        }
-        sum
-    })
+/// The surface at `(u, v)` in the middle square of the net with these points `[i][j]`, `i` along `u`.
+pub(crate) fn bicubic(net: impl Fn([usize; 2]) -> Vector3<f64>, u: f64, v: f64) -> Jet {
+    tensor(net, &cubic(u), &cubic(v))
 }
 
-/// The surface at `(u, v)` in the middle triangle, where its corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; `rings[k]` is what lies around
-/// corner `k`, counter-clockwise, from the next corner on.
-///
-/// The box spline is a polynomial of degree 4 there, whose Bezier points are taken together two times in a row, until those of a
-/// polynomial of degree 2 are left: the algorithm of de Casteljau. The points follow from the polynomials in Stam, "Evaluation of
-/// Loop subdivision surfaces" (1998), appendix B.
-pub(crate) fn quartic(
-    corners: &[Vector3<f64>; 3],
-    rings: &[[Vector3<f64>; 6]; 3],
-    u: f64,
-    v: f64,
+/// The surface of a net whose basis functions along `u` and `v` have these values, first and second derivatives.
+pub(crate) fn tensor<const N: usize>(
+    net: impl Fn([usize; 2]) -> Vector3<f64>,
+    along_u: &[[f64; N]; 3],
+    along_v: &[[f64; N]; 3],
 ) -> Jet {
-    let at = [1.0 - u - v, u, v];
-    let three: [_; 10] = blend(&bezier(corners, rings), at);
-    let [p, p_u, p_v, p_uu, p_uv, p_vv]: [_; 6] = blend(&three, at);
-    let [q, q_u, q_v] = blend(&[p, p_u, p_v, p_uu, p_uv, p_vv], at);
-    let [s] = blend(&[q, q_u, q_v], at);
-    [
-        s,
-        (q_u - q) * 4.0,
-        (q_v - q) * 4.0,
-        (p - p_u * 2.0 + p_uu) * 12.0,
-        (p - p_u - p_v + p_uv) * 12.0,
-        (p - p_v * 2.0 + p_vv) * 12.0,
-    ]
+    // Side by side, so that one instruction works on several.
+    let mut sums = [[0.0; 6]; 3];
+    for (i, j) in (0..N).flat_map(|i| (0..N).map(move |j| (i, j))) {
+        let weights = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]
+            .map(|[k, l]: [usize; 2]| along_u[k][i] * along_v[l][j]);
+        let point = net([i, j]);
+        for (sums, x) in sums.iter_mut().zip(point.iter()) {
+            (0..6).for_each(|k| sums[k] += x * weights[k]);
+        }
+    }
+    std::array::from_fn(|k| Vector3::from(sums.map(|sums| sums[k])))
+}
+
+/// The surface over the middle triangle of a regular net, as the points of a polynomial of degree 4.
+pub(crate) struct Quartic([Vector3<f64>; 15]);
+
+impl Quartic {
+    /// The patch over a triangle; `rings[k]` is what lies around corner `k`, counter-clockwise, from the next corner on.
+    pub(crate) fn new(corners: &[Vector3<f64>; 3], rings: &[[Vector3<f64>; 6]; 3]) -> Self {
+        Self(bezier(corners, rings))
+    }
+
+    /// The surface at `(u, v)`, where the corners of the triangle are `(0, 0)`, `(1, 0)`, `(0, 1)`.
+    ///
+    /// The box spline is a polynomial of degree 4 there, whose Bezier points are taken together two times in a row, until those of a
+    /// polynomial of degree 2 are left: the algorithm of de Casteljau. The points follow from the polynomials in Stam, "Evaluation of
+    /// Loop subdivision surfaces" (1998), appendix B.
+    pub(crate) fn jet(&self, u: f64, v: f64) -> Jet {
+        let at = [1.0 - u - v, u, v];
+        let three: [_; 10] = blend(&self.0, at);
+        let [p, p_u, p_v, p_uu, p_uv, p_vv]: [_; 6] = blend(&three, at);
+        let [q, q_u, q_v] = blend(&[p, p_u, p_v, p_uu, p_uv, p_vv], at);
+        let [s] = blend(&[q, q_u, q_v], at);
+        [
+            s,
+            (q_u - q) * 4.0,
+            (q_v - q) * 4.0,
+            (p - p_u * 2.0 + p_uu) * 12.0,
+            (p - p_u - p_v + p_uv) * 12.0,
+            (p - p_v * 2.0 + p_vv) * 12.0,
+        ]
+    }
 }
 
 /// The Bezier points of the middle triangle, by rows: first the one at corner 0, last those along the side across from it.

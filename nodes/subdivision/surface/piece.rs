@@ -7,7 +7,7 @@ use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
 
 use super::limit_point::LimitPoint;
-use super::patches::{Jet, bicubic, quartic};
+use super::patches::{Jet, Quartic, bicubic};
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::{Class, Edges, Sharpness};
@@ -97,12 +97,15 @@ impl Piece {
                     self.triangles_around(&sharpness, i)?,
                     self.triangles_around(&sharpness, j)?,
                 ];
-                Some(quartic(&[h, i, j].map(|half| self.at(half)), &rings, u, v))
+                Some(Quartic::new(&[h, i, j].map(|half| self.at(half)), &rings).jet(u, v))
             }
             PrimalScheme::CatmullClark => {
                 let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
                 let is_regular = |&half: &u32| self.is_regular_corner(&sharpness, half);
-                halves.iter().all(is_regular).then(|| bicubic(&self.net(&sharpness, halves), u, v))
+                halves.iter().all(is_regular).then(|| {
+                    let net = self.net(&sharpness, halves);
+                    bicubic(|[i, j]| net[i][j], u, v)
+                })
             }
         }
     }

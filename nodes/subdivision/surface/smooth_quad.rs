@@ -19,17 +19,23 @@ use crate::refine::connectivity::Connectivity;
 /// Steps that bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
 
-/// The points of a patch, `[i][j]` with `i` along `u`.
-type Net = [[Vector3<f64>; 4]; 4];
-
-/// A quad and what lies around it.
-#[derive(Clone)]
+/// A quad, what lies around it, and what refinement made of it where places of it were asked for.
 pub(crate) struct SmoothQuad {
-    net: Net,
-    /// The neighbors of the first corner, and the corners across, each after the neighbor that it follows.
-    ring: [[Vector3<f64>; 2]; MOST],
+    /// The number of neighbors of the first corner.
     n: usize,
+    /// What lies around the quad at the first corner before each step.
+    steps: Vec<Around>,
 }
+
+/// What lies around a quad.
+struct Around {
+    /// The points of the patch, `[i][j]` with `i` along `u`; and one row and column more where this comes from a step.
+    net: [[Vector3<f64>; 5]; 5],
+    ring: Ring,
+}
+
+/// The neighbors of the first corner, and the corners across, each after the neighbor that it follows.
+type Ring = [[Vector3<f64>; 2]; MOST];
 
 impl SmoothQuad {
     /// The quad in which `half` runs from the first corner, which has `n` neighbors, 3 at least; the others have four.
@@ -37,15 +43,16 @@ impl SmoothQuad {
         let corners = mesh.corners();
         let at = |half: u32| points[corners[half as usize] as usize].coords;
         let turned = |half: u32| mesh.twin(mesh.previous(half));
-        let zero = Vector3::zeros();
-        let mut ring = [[zero; 2]; MOST];
+        // Few places need more steps than this.
+        let mut steps = Vec::with_capacity(if n == 4 { 1 } else { 8 });
+        steps.push(Around::NOTHING);
+        let Around { net, ring } = &mut steps[0];
         let mut spoke = half;
         for [neighbor, across] in &mut ring[..n] {
             let next = mesh.next(spoke);
             (*neighbor, *across) = (at(next), at(mesh.next(next)));
             spoke = turned(spoke);
         }
-        let mut net = [[zero; 4]; 4];
         net[1][1] = at(half);
         // Out of the quad at each other corner there is a quad across it; the two beside it share its edges.
         let [second, third, fourth] = [1, 2, 3].map(|k| half & !3 | (half + k) & 3);
@@ -58,41 +65,53 @@ impl SmoothQuad {
         net[2][3] = end(turned(out));
         let out = turned(turned(fourth));
         (net[1][3], net[0][3]) = (end(out), far(out));
-        let mut quad = Self { net, ring, n };
-        quad.fill_ring();
-        quad
-    }
-
-    /// Writes what the ring has in common with the net.
-    fn fill_ring(&mut self) {
-        let Self { net, ring, n } = self;
+        // What the ring has in common with the net.
         let [[e0, d0], [e1, d1], [e2, d2], ..] = *ring;
-        let [last, across] = ring[*n - 1];
+        let [last, across] = ring[n - 1];
         (net[2][1], net[2][2], net[1][2]) = (e0, d0, e1);
-        (net[0][2], net[0][1], net[0][0]) = (d1, if *n > 2 { e2 } else { e0 }, d2);
+        (net[0][2], net[0][1], net[0][0]) = (d1, if n > 2 { e2 } else { e0 }, d2);
         (net[1][0], net[2][0]) = (last, across);
+        Self { n, steps }
     }
 
     /// The surface at `(u, v)`, where the corners are `(0, 0)`, `(1, 0)`, `(1, 1)`, `(0, 1)`; none too near to an irregular corner.
-    pub(crate) fn jet(&self, u: f64, v: f64) -> Option<Jet> {
+    pub(crate) fn jet(&mut self, u: f64, v: f64) -> Option<Jet> {
         if self.n == 4 {
-            return Some(bicubic(&self.net, u, v));
+            return Some(self.steps[0].patch([0, 0], [u, v]));
         }
         let (mut u, mut v, mut scale) = (2.0 * u, 2.0 * v, 2.0);
-        let mut piece = self.clone();
-        for _ in 0..DEEPEST {
-            let fine = piece.fine();
+        for step in 1..=DEEPEST {
             let right = usize::from(u > 1.0);
             let up = usize::from(v > 1.0);
             if right + up > 0 {
-                let net = std::array::from_fn(|i| std::array::from_fn(|j| fine[i + right][j + up]));
-                let jet = bicubic(&net, u - right as f64, v - up as f64);
+                while self.steps.len() <= step {
+                    self.refine();
+                }
+                let jet = self.steps[step].patch([right, up], [u - right as f64, v - up as f64]);
                 return Some(scaled(jet, scale));
             }
-            piece = piece.at_first(&fine);
             (u, v, scale) = (2.0 * u, 2.0 * v, 2.0 * scale);
         }
         None
+    }
+
+    fn refine(&mut self) {
+        let last = self.steps.len() - 1;
+        self.steps.push(Around::NOTHING);
+        let (before, new) = self.steps.split_at_mut(last + 1);
+        before[last].refine(self.n, &mut new[0]);
+    }
+}
+
+impl Around {
+    const NOTHING: Self = Self {
+        net: [[Vector3::new(0.0, 0.0, 0.0); 5]; 5],
+        ring: [[Vector3::new(0.0, 0.0, 0.0); 2]; MOST],
+    };
+
+    /// The surface at a place of the patch over the quad that lies so many places aside.
+    fn patch(&self, [right, up]: [usize; 2], [u, v]: [f64; 2]) -> Jet {
+        bicubic(|[i, j]| self.net[i + right][j + up], u, v)
     }
 
     /// The middle of the quad of the net from a place on.
@@ -102,9 +121,8 @@ impl SmoothQuad {
     }
 
     /// The new ring: on the edges from the first corner and in the faces between them.
-    fn new_ring(&self) -> [[Vector3<f64>; 2]; MOST] {
-        let (own, ring, n) = (self.net[1][1], &self.ring, self.n);
-        let mut new = [[Vector3::zeros(); 2]; MOST];
+    fn new_ring(&self, n: usize, new: &mut Ring) {
+        let (own, ring) = (self.net[1][1], &self.ring);
         for j in 0..n {
             let next = if j + 1 == n { 0 } else { j + 1 };
             new[j][1] = (own + ring[j][0] + ring[j][1] + ring[next][0]) * 0.25;
@@ -113,15 +131,13 @@ impl SmoothQuad {
             let before = if j == 0 { n - 1 } else { j - 1 };
             new[j][0] = (own + ring[j][0] + new[before][1] + new[j][1]) * 0.25;
         }
-        new
     }
 
-    /// The new points around the four new quads: the new first corner is at `[1][1]`, the new vertex in the quad at `[2][2]`.
-    fn fine(&self) -> [[Vector3<f64>; 5]; 5] {
-        let (net, n) = (&self.net, self.n);
-        let ring = self.new_ring();
+    /// Fills in what lies around the new quad at the first corner, which has `n` neighbors: the new vertex in the quad is at `[2][2]`.
+    fn refine(&self, n: usize, Self { net: fine, ring }: &mut Self) {
+        self.new_ring(n, ring);
+        let net = &self.net;
         let [weight, at_neighbor, at_face] = CatmullClarkMasks.vertex(n);
-        let mut fine = [[Vector3::zeros(); 5]; 5];
         let sum = |k: usize, of: &[[Vector3<f64>; 2]]| {
             of.iter().map(|pair| pair[k]).sum::<Vector3<f64>>()
         };
@@ -153,12 +169,5 @@ impl SmoothQuad {
             let faces = (fine[a - 2][b - 2] + fine[a][b - 2]) + (fine[a][b] + fine[a - 2][b]);
             fine[a - 1][b - 1] = net[i][j] * 0.5 + (neighbors + faces) * 0.0625;
         }
-        fine
-    }
-
-    /// The new quad at the first corner.
-    fn at_first(&self, fine: &[[Vector3<f64>; 5]; 5]) -> Self {
-        let net = std::array::from_fn(|i| std::array::from_fn(|j| fine[i][j]));
-        Self { net, ring: self.new_ring(), n: self.n }
     }
 }

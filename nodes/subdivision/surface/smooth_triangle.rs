@@ -15,7 +15,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::patches::{Jet, quartic};
+use super::patches::{Jet, Quartic};
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::stars::Masks;
 use crate::refine::connectivity::Connectivity;
@@ -26,17 +26,24 @@ pub(crate) const MOST: usize = 16;
 /// Steps that bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
 
-/// A triangle and what lies around it.
-#[derive(Clone)]
+/// A triangle, what lies around it, and what refinement made of it where places of it were asked for.
 pub(crate) struct SmoothTriangle {
+    /// What lies around the triangle at the first corner before each step.
+    steps: Vec<Around>,
+    /// The last patch, and over which new triangle of which step it is; over the whole one if over none.
+    last: Option<(Option<Place>, Box<Quartic>)>,
+}
+
+/// A new triangle of a step.
+type Place = (usize, ChildTriangle);
+
+/// What lies around a triangle.
+struct Around {
     own: Vector3<f64>,
     ring: [Vector3<f64>; MOST],
     beyond: [Vector3<f64>; 5],
     n: usize,
 }
-
-/// Three corners and what lies around each, from the next corner on.
-type Regular = ([Vector3<f64>; 3], [[Vector3<f64>; 6]; 3]);
 
 impl SmoothTriangle {
     /// The triangle in which `half` runs from the first corner, which has `n` neighbors, 3 at least; the others have six.
@@ -64,43 +71,48 @@ impl SmoothTriangle {
             *place = end(spoke);
             spoke = turned(spoke);
         }
-        Self { own: at(half), ring, beyond, n }
+        Self { steps: vec![Around { own: at(half), ring, beyond, n }], last: None }
     }
 
     /// The surface at `(u, v)`, where the corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; none too near to an irregular corner.
-    pub(crate) fn jet(&self, u: f64, v: f64) -> Option<Jet> {
-        if self.n == 6 {
-            let (corners, rings) = self.regular();
-            return Some(quartic(&corners, &rings, u, v));
+    pub(crate) fn jet(&mut self, u: f64, v: f64) -> Option<Jet> {
+        if self.steps[0].n == 6 {
+            return Some(self.patch(None)?.jet(u, v));
         }
         let (mut u, mut v, mut scale) = (2.0 * u, 2.0 * v, 2.0);
-        let mut piece = self.clone();
-        for _ in 0..DEEPEST {
+        for step in 0..DEEPEST {
             if u + v > 1.0 {
                 let (child, [u, v], turn) = match (u >= 1.0, v >= 1.0) {
                     (true, _) => (ChildTriangle::Second, [u - 1.0, v], 1.0),
                     (_, true) => (ChildTriangle::Third, [u, v - 1.0], 1.0),
                     _ => (ChildTriangle::Middle, [1.0 - u, 1.0 - v], -1.0),
                 };
-                let (corners, rings) = piece.child(child);
-                return Some(scaled(quartic(&corners, &rings, u, v), turn * scale));
+                return Some(scaled(self.patch(Some((step, child)))?.jet(u, v), turn * scale));
             }
-            piece = piece.at_first();
             (u, v, scale) = (2.0 * u, 2.0 * v, 2.0 * scale);
         }
         None
     }
 
-    fn regular(&self) -> Regular {
-        let Self { own: a, ring, beyond, .. } = self;
-        let [b, c, ca, a_c, a_b, ab] = [0, 1, 2, 3, 4, 5].map(|k| ring[k]);
-        let [b_a, b_c, bc, c_b, c_a] = *beyond;
-        (
-            [*a, b, c],
-            [[b, c, ca, a_c, a_b, ab], [c, *a, ab, b_a, b_c, bc], [*a, b, bc, c_b, c_a, ca]],
-        )
+    /// The patch over a new triangle of a step, or over the whole one.
+    fn patch(&mut self, over: Option<Place>) -> Option<&Quartic> {
+        if self.last.as_ref().is_none_or(|(last, _)| *last != over) {
+            let patch = match over {
+                None => self.steps[0].whole(),
+                Some((step, child)) => {
+                    while self.steps.len() <= step + 1 {
+                        self.steps.push(self.steps[self.steps.len() - 1].at_first());
+                    }
+                    self.steps[step].child(&self.steps[step + 1], child)
+                }
+            };
+            self.last = Some((over, Box::new(patch)));
+        }
+        self.last.as_ref().map(|(_, patch)| &**patch)
     }
+}
 
+impl Around {
     /// The new vertex on the edge from the first corner to place `j` of the ring.
     fn on_spoke(&self, j: usize) -> Vector3<f64> {
         let (n, ring) = (self.n, &self.ring);
@@ -128,12 +140,23 @@ impl SmoothTriangle {
         Self { own: own * weight + sum * beside, ring: new, beyond, n: *n }
     }
 
-    /// One of the other new triangles; each lies as the whole does, but for the middle one, which is turned by half a turn.
-    fn child(&self, child: ChildTriangle) -> Regular {
+    /// The patch over the triangle itself, if it is regular.
+    fn whole(&self) -> Quartic {
+        let Self { own: a, ring, beyond, .. } = self;
+        let [b, c, ca, a_c, a_b, ab] = [0, 1, 2, 3, 4, 5].map(|k| ring[k]);
+        let [b_a, b_c, bc, c_b, c_a] = *beyond;
+        Quartic::new(
+            &[*a, b, c],
+            &[[b, c, ca, a_c, a_b, ab], [c, *a, ab, b_a, b_c, bc], [*a, b, bc, c_b, c_a, ca]],
+        )
+    }
+
+    /// The patch over a new triangle that is not the `first` one; each lies as the whole does, but for the middle one, which is turned by
+    /// half a turn.
+    fn child(&self, first: &Self, child: ChildTriangle) -> Quartic {
         let Self { ring, beyond, n, .. } = self;
         let [old_b, old_c, old_ab, old_ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
         let [b_a, b_c, bc, c_b, c_a] = *beyond;
-        let first = self.at_first();
         let [b_ab, b, middle, c, c_ca] = first.beyond;
         let (a, ab, ac) = (first.own, first.ring[0], first.ring[1]);
         let (before, after) = (first.ring[n - 1], first.ring[2 % n]);
@@ -145,26 +168,29 @@ impl SmoothTriangle {
                 let b_b_c = on_edge(old_b + b_c, b_a + bc);
                 let around_b = [middle, ab, b_ab, b_b_a, b_b_c, b_bc];
                 let around_ab = [b, middle, ac, a, before, b_ab];
-                ([ab, b, middle], [around_ab, around_b, [ab, b, b_bc, c_bc, c, ac]])
+                let around_middle = [ab, b, b_bc, c_bc, c, ac];
+                Quartic::new(&[ab, b, middle], &[around_ab, around_b, around_middle])
             }
             ChildTriangle::Third => {
                 let c_c_b = on_edge(old_c + c_b, bc + c_a);
                 let c_c_a = on_edge(old_c + c_a, c_b + old_ca);
                 let around_c = [ac, middle, c_bc, c_c_b, c_c_a, c_ca];
                 let around_middle = [c, ac, ab, b, b_bc, c_bc];
-                ([ac, middle, c], [[middle, c, c_ca, after, a, ab], around_middle, around_c])
+                let around_ac = [middle, c, c_ca, after, a, ab];
+                Quartic::new(&[ac, middle, c], &[around_ac, around_middle, around_c])
             }
             ChildTriangle::Middle => {
                 let around_middle = [ac, ab, b, b_bc, c_bc, c];
                 let around_ac = [ab, middle, c, c_ca, after, a];
                 let around_ab = [middle, ac, a, before, b_ab, b];
-                ([middle, ac, ab], [around_middle, around_ac, around_ab])
+                Quartic::new(&[middle, ac, ab], &[around_middle, around_ac, around_ab])
             }
         }
     }
 }
 
 /// A new triangle that is regular: at the second or third corner, or in the middle.
+#[derive(Clone, Copy, PartialEq)]
 enum ChildTriangle {
     Second,
     Third,
