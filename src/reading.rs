@@ -262,7 +262,7 @@ mod tests {
         let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
         assert_eq!(
             error,
-            "no Points can be read from `.obj`; known are ply, xyz, las, laz, e57"
+            "no Points can be read from `.obj`; known are ply, pcd, xyz, las, laz, e57"
         );
         let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
         assert!(
