@@ -22,6 +22,7 @@ pub mod decoder;
 pub mod depth;
 pub mod e57;
 pub mod exr;
+mod finite;
 pub mod glb;
 pub mod handles;
 pub mod jpeg;
@@ -95,6 +96,7 @@ pub const READERS: &[AnyReader] = &[
     reader::<glb::MeshGlb>(),
     reader::<glb::MeshGltf>(),
     reader::<ply::PointsPly>(),
+    reader::<pcd::PointsPcd>(),
     reader::<xyz::PointsXyz>(),
     reader::<las::PointsLas>(),
     reader::<e57::PointsE57>(),

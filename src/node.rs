@@ -16,6 +16,7 @@ use serde_json::json;
 
 use crate::error::{Cancelled, Error};
 use crate::limit::Estimate;
+use crate::plain::{ending, without_mark};
 use crate::reading::{Readers, Reading};
 use crate::text::{FILE, LINK};
 use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
@@ -346,9 +347,9 @@ impl File {
         &self.name
     }
 
-    /// Its content.
+    /// Its content, of a text without the mark of UTF-8 (EF BB BF, a "BOM") with which some editors begin it.
     pub fn bytes(&self) -> &[u8] {
-        &self.bytes
+        without_mark(&self.bytes)
     }
 
     /// The content of a file that this one names, by a path relative to its folder: the materials of an OBJ file and their picture.
@@ -368,12 +369,12 @@ impl File {
         &self,
         read: impl FnOnce(&[u8]) -> Result<T, E>,
     ) -> Result<T, Error> {
-        read(&self.bytes).map_err(|error| error.into().in_file(&self.name))
+        read(self.bytes()).map_err(|error| error.into().in_file(&self.name))
     }
 
     /// What stands behind the last dot of its name, in lower case; empty if nothing does.
     pub fn ending(&self) -> String {
-        crate::plain::ending(Path::new(&self.name))
+        ending(Path::new(&self.name))
     }
 }
 

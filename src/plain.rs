@@ -48,3 +48,13 @@ fn is_plain(metadata: &fs::Metadata) -> Result<()> {
 pub(crate) fn ending(path: &Path) -> String {
     path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
 }
+
+/// Some bytes without the mark of UTF-8 at the start of a text. A binary file may begin with these bytes by chance, so that they are a mark
+/// only before text: no header of a binary format has so many printable characters on end as the one of STL, 80 with a count behind.
+pub(crate) fn without_mark(bytes: &[u8]) -> &[u8] {
+    let is_text = |byte: &u8| byte.is_ascii_whitespace() || !byte.is_ascii_control();
+    match bytes.strip_prefix(b"\xef\xbb\xbf") {
+        Some(text) if text.iter().take(84).all(is_text) => text,
+        _ => bytes,
+    }
+}

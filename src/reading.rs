@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::paths::{PathProblem, may_read, project_root};
-use crate::plain::{self, ending};
+use crate::plain::{self, ending, without_mark};
 use crate::value::{AnyValue, Mesh, Value, ValueType, value_type};
 
 /// A way to read one type of values from one kind of files.
@@ -45,7 +45,7 @@ pub struct Reading<'a> {
 impl<'a> Reading<'a> {
     /// A file of this name and content; `beside` finds the files that it names, or says why not.
     pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a Beside<'a>) -> Self {
-        Self { name, bytes, beside, doubts: RefCell::default() }
+        Self { name, bytes: without_mark(bytes), beside, doubts: RefCell::default() }
     }
 
     /// A file by itself: whatever it names is not there.
@@ -53,7 +53,7 @@ impl<'a> Reading<'a> {
         Self::new(name, bytes, &|name| Err(format!("{name} is not there")))
     }
 
-    /// Its content.
+    /// Its content, of a text without the mark of UTF-8 (EF BB BF, a "BOM") with which some editors begin it.
     pub fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
@@ -63,12 +63,14 @@ impl<'a> Reading<'a> {
         ending(self.name.as_ref())
     }
 
-    /// The content of a file in the same folder that this one names, or that is always beside such files.
+    /// The content of a file in the same folder that this one names, or that is always beside such files; of a text without its mark.
     ///
     /// # Errors
     /// If there is no such file, or it may not be read; the text says which.
     pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
-        (self.beside)(name)
+        let bytes = (self.beside)(name)?;
+        let text = without_mark(&bytes);
+        Ok(if text.len() < bytes.len() { text.into() } else { bytes })
     }
 
     /// Tells the user of a doubt about the file.
@@ -258,11 +260,29 @@ mod tests {
         let mesh = readers.read(value_type::<Mesh>(), &file).unwrap();
         assert_eq!(mesh.get::<Mesh>().unwrap().faces().len(), 1);
         let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
-        assert_eq!(error, "no Points can be read from `.obj`; known are ply, xyz, las, laz, e57");
+        assert_eq!(
+            error,
+            "no Points can be read from `.obj`; known are ply, pcd, xyz, las, laz, e57"
+        );
         let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
         assert!(
             error.starts_with("no value can be read from a file without an ending; known are ")
         );
+    }
+
+    #[test]
+    fn the_mark_of_a_text_is_no_part_of_it_nor_of_what_it_names() {
+        let cube = b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 9\nf 1 2 3\n";
+        let mesh: Mesh = crate::format::read(&Reading::alone("a.obj", cube)).unwrap();
+        assert_eq!(mesh.positions().len(), 4);
+        let points = Reading::alone("a.xyz", b"\xef\xbb\xbf1 2 3\n");
+        assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 1);
+        let beside = |_: &str| Ok(b"\xef\xbb\xbfnewmtl a\n"[..].into());
+        let named = Reading::new("a.obj", cube, &beside).companion("a.mtl").unwrap();
+        assert_eq!(&named[..], b"newmtl a\n");
+        // Numbers of a binary file that look like a mark.
+        let numbers = [&b"\xef\xbb\xbf\x3f"[..], &[0; 200]].concat();
+        assert_eq!(Reading::alone("a.stl", &numbers).bytes(), numbers);
     }
 
     #[test]

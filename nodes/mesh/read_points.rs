@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use maquette_range::Unit;
 
-/// Reads points that nothing connects: the vertices of a PLY file, an XYZ text of a point a line, the points of a survey (LAS), or all scans
+/// Reads points that nothing connects: the vertices of a PLY file, a PCD file, an XYZ text of a point a line, the points of a survey (LAS), or all scans
 /// of a laser scanner (E57), each moved by its pose.
 ///
 /// What stands behind the coordinates becomes attributes: colors, normals, numbers by name; of LAS and E57 files `color`, `intensity`, and
@@ -16,7 +16,7 @@ use maquette_range::Unit;
 /// files for viewers, whose numbers have 7 digits: `Transform` moves them near the origin before.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadPoints {
-    /// The file; its ending says of which format it is: `ply`, `xyz`, `las` or `e57`.
+    /// The file; its ending says of which format it is: `ply`, `pcd`, `xyz`, `las` or `e57`.
     #[schemars(extend("reads" = "Points"))]
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm.

@@ -1,6 +1,7 @@
 //! What the nodes that read range files share: units, axes, the camera file, and the grid in mm.
 
 use maquette::format::camera::{self, CameraError, CameraFile, View};
+use maquette::format::pcd::PcdError;
 use maquette::format::range_file;
 use maquette::value::RangeImage;
 use maquette::{Context, Error, FilePath};
@@ -88,8 +89,17 @@ pub(super) fn read(
         Axes::Camera => range_file::Axes::Camera,
         Axes::YUp => range_file::Axes::YUp,
     };
-    Ok(range_file::read(bytes, ending, camera)?.normalize(unit.millimeters(), axes)?)
+    let read = range_file::read(bytes, ending, camera).map_err(|error| {
+        let is_list = matches!(error.downcast(), Some(PcdError::NotOrganised { .. }));
+        if is_list { PointList(error).into() } else { error }
+    });
+    Ok(read?.normalize(unit.millimeters(), axes)?)
 }
+
+/// A list of points, where a grid is wanted.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; `ReadPoints` reads it")]
+struct PointList(Error);
 
 /// Whether a range file is of a format that the engine does not read itself.
 pub(super) fn is_unknown(error: &Error) -> bool {

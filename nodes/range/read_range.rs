@@ -116,6 +116,13 @@ mod tests {
         0 0.5 2 0.5 1 2 3\n0 0 0 0.5 0 0 0\n";
 
     #[test]
+    fn a_list_of_points_is_said_to_be_for_read_points() {
+        let list = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n";
+        let error = read_range(list, "pcd", None, Unit::Mm, Axes::Camera).unwrap_err();
+        assert!(error.to_string().ends_with("(the cloud is not organized); `ReadPoints` reads it"));
+    }
+
+    #[test]
     fn a_grid_has_a_picture_of_its_colors_cell_on_pixel() {
         let read = read_range(PTX.as_bytes(), "ptx", None, Unit::Mm, Axes::Camera);
         let (range, color) = read.unwrap();

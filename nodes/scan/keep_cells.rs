@@ -82,3 +82,22 @@ fn shown(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, KeepError> {
     };
     Ok((0..width * height).map(cell).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    #[test]
+    fn a_depth_whose_ends_are_exchanged_is_an_error() {
+        let range = RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, 650.0)]).unwrap();
+        let between = |from, to| {
+            let depth = Within::Depth { from: Some(from), to: Some(to) };
+            keep_cells(&range, None, Some(&depth), false).map(|kept| kept.n_valid())
+        };
+        assert_eq!(between(600.0, 700.0), Ok(1));
+        let text = "the depth goes from 700 to 600: `from` must not be above `to`";
+        assert_eq!(between(700.0, 600.0).unwrap_err().to_string(), text);
+    }
+}

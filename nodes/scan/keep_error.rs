@@ -15,6 +15,14 @@ pub enum KeepError {
         /// Its upper end, in mm.
         max: f64,
     },
+    /// A depth whose ends are exchanged.
+    #[error("the depth goes from {from} to {to}: `from` must not be above `to`")]
+    Depth {
+        /// Where it begins, in mm.
+        from: f64,
+        /// Where it ends, in mm.
+        to: f64,
+    },
     /// A normal without direction.
     #[error("the normal (0, 0, 0) of the plane has no direction")]
     NoNormal,

@@ -66,7 +66,7 @@ impl Within {
     /// Whether each place of a scan is in it. A cell without a point is nowhere.
     ///
     /// # Errors
-    /// The box, the normal or the attribute is none.
+    /// The box, the depth, the normal or the attribute is none.
     pub fn of(&self, scan: &Scan) -> Result<Vec<bool>, KeepError> {
         let places = |is_in: &dyn Fn(&Point3<f64>) -> bool| {
             Ok(Vec::from_iter(scan.places().iter().map(is_in)))
@@ -89,6 +89,9 @@ impl Within {
                 let plane = Plane::through(Point3::from(*through), Vector3::from(*normal));
                 let plane = plane.ok_or(KeepError::NoNormal)?;
                 places(&|at| plane.height(at) >= 0.0)
+            }
+            Self::Depth { from: Some(from), to: Some(to) } if to < from => {
+                Err(KeepError::Depth { from: *from, to: *to })
             }
             Self::Depth { from, to } => places(&|at| is_between(at.z, *from, *to)),
             Self::Attribute { name, from, to } => {

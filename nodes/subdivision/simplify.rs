@@ -75,8 +75,8 @@ impl Node for Simplify {
 ///
 /// Texture coordinates `uv` on corners count with the squared distance by which the texture slips on the surface, as Hoppe's metric measures
 /// it: "New quadric metric for simplifying meshes with appearance attributes" (1999). Edges whose sides differ in an attribute of corners are
-/// seams, which are held as borders are. What a side of a new vertex has is what was on the nearest place of that side before, so that a
-/// texture that lies evenly stays exactly where it is.
+/// seams, which are held as borders are, but less: the slip holds them, too. What a side of a new vertex has is what was on the nearest place
+/// of that side before, so that a texture that lies evenly stays exactly where it is.
 ///
 /// # Errors
 /// If the evaluation is told to stop.

@@ -10,8 +10,9 @@ use serde_json::{Value as Json, json};
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::look::{At, Over, Request, Source, at};
+use super::new::in_meters;
 use super::progress::Progress;
-use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, report};
+use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
 use crate::format::png;
@@ -220,6 +221,9 @@ impl Inspect {
             return Err(format!("say which node of {file}: {}", nodes.join(", ")));
         }
         let (value, _) = catalog.readers().open(&self.file, None)?;
+        if in_meters(&self.file) {
+            eprint("note: by this format the numbers are meters: read it with `unit: M`\n");
+        }
         let kind = value.kind().name;
         let text = format!(
             "Graph(format: 1, inputs: {{ \"{FILE}\": {kind}() }}, nodes: {{}}, outputs: {{ \"{FILE}\": \"{FILE}\" }})"

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{Exit, print, report};
+use super::{Exit, eprint, print, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::pack::Recipe;
@@ -17,6 +17,7 @@ mod scans;
 mod wants;
 
 use scans::Scans;
+pub(super) use scans::in_meters;
 use wants::Wants;
 
 #[derive(Args)]
@@ -55,7 +56,9 @@ impl New {
         let base = folder_of_new(&path);
         let set = wants.values(&scans.all, &base);
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let edited = Graph::edited(&path, recipe.text, &set, catalog, &options);
+        let unread = scans.unread.iter().map(|why| format!("// Not used: {why}\n"));
+        let text = String::from_iter(unread.chain([recipe.text.to_owned()]));
+        let edited = Graph::edited(&path, &text, &set, catalog, &options);
         let text = match edited.and_then(|edited| Graph::formatted(&path, &edited.text)) {
             Ok(text) => text,
             Err(problems) => {
@@ -89,6 +92,7 @@ impl New {
         scans.unused(&wants.used(&scans.all)).iter().for_each(|(file, what)| {
             print(&format!("  not used: {file}, {what}\n"));
         });
+        scans.unread.iter().for_each(|why| eprint(&format!("warning: {why}\n")));
         print(&format!("`maquette watch {} --open` shows it\n", shell(&file.to_string())));
         Exit::Done
     }

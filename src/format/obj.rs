@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::corners::{FaceList, with_corners};
+use super::finite::{self, Finite};
 use super::{excerpt, parse, picture_file, words};
 use crate::value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 
@@ -113,7 +114,7 @@ pub enum ObjError {
 pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
     let mut reader = Reader::default();
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
-    reader.finish()
+    Ok(reader.finish()?.0)
 }
 
 /// The mesh in an OBJ file with its picture, if `find` gives it and there are texture coordinates; and what the user should know.
@@ -121,11 +122,15 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
 /// # Errors
 /// As for [`read`].
 pub fn read_textured(bytes: &[u8], find: Find<'_>) -> Result<(Mesh, Vec<String>), ObjError> {
-    let mesh = read(bytes)?;
+    let mut reader = Reader::default();
+    for_lines(bytes, |text, line| reader.read_line(text, line))?;
+    let (mesh, left_out) = reader.finish()?;
+    let mut doubts = Vec::from_iter(finite::doubt(left_out, "face"));
     if mesh.vertex().pairs("uv").is_none() && mesh.corner().pairs("uv").is_none() {
-        return Ok((mesh, Vec::new()));
+        return Ok((mesh, doubts));
     }
-    let Picture { file, mut doubts } = picture(bytes, find);
+    let Picture { file, doubts: more } = picture(bytes, find);
+    doubts.extend(more);
     let image = file.and_then(|(name, bytes)| match picture_file::read(&bytes) {
         Ok(image) => Some(image),
         Err(error) => {
@@ -245,11 +250,13 @@ impl Reader {
         }
     }
 
-    fn finish(self) -> Result<Mesh, ObjError> {
+    /// The mesh, and how many faces were left out, since a vertex is at no finite place.
+    fn finish(mut self) -> Result<(Mesh, usize), ObjError> {
         if self.positions.is_empty() {
             return Err(ObjError::Empty);
         }
-        self.into_mesh().map_err(ObjError::Mesh)
+        let finite = Finite::of(&mut self.positions);
+        Ok(finite.mesh(self.into_mesh().map_err(ObjError::Mesh)?))
     }
 
     fn into_mesh(self) -> Result<Mesh, MeshError> {
@@ -380,7 +387,6 @@ mod tests {
         );
         assert_eq!(error("v 0 0"), "line 1: 2 numbers, where there must be at least 3");
         assert_eq!(error("v 0 0 z"), "line 1: `z` is not a number");
-        assert_eq!(error("v 0 0 inf"), "vertex 0 is not at a finite place");
         assert_eq!(error("nothing of the kind"), "there is no vertex in the file");
     }
 

@@ -6,12 +6,14 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::finite::{self, Finite};
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
-use crate::value::{RangeImage, Rgb};
+use crate::reading::{FileReader, Reading};
+use crate::value::{Attribute, Points, RangeImage, Rgb};
 use header::{Encoding, Field, Header, Scalar};
 
 mod header;
@@ -136,30 +138,66 @@ pub enum PcdError {
 /// # Errors
 /// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
 pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
-    if bytes.is_empty() {
-        return Err(PcdError::Empty);
-    }
     let header = header::read(bytes)?;
-    let body = &bytes[header.start..];
-    let (points, colors) = match header.encoding {
-        Encoding::Ascii => ascii(&header, body)?,
-        Encoding::Binary => {
-            need(&header, body, header.width * header.height * header.stride)?;
-            let rows = |index: usize, field: &Field| &body[index * header.stride + field.offset..];
-            gather(&header, rows)
-        }
-        Encoding::Compressed => {
-            let columns = unpack(&header, body)?;
-            let count = header.width * header.height;
-            gather(&header, |index, field| &columns[field.offset * count + index * field.bytes..])
-        }
-    };
+    if header.height == 1 {
+        let (line, width) = (header.height_line, header.width);
+        return Err(PcdError::NotOrganised { line, width });
+    }
+    let (points, colors) = cells(&header, bytes, valid_point)?;
     let range = RangeImage::new(header.width, header.height, points)
         .expect("a point was read for each cell");
     Ok(match header.color {
         Some(_) => range.with_colors(colors).expect("a color was read for each cell"),
         None => range,
     })
+}
+
+/// The points of a PCD file, organized or not, with their colors and normals (`normal_x normal_y normal_z`); and how many were left out, since
+/// a coordinate is NaN or infinite.
+fn read_points(bytes: &[u8]) -> Result<(Points, usize), PcdError> {
+    let header = header::read(bytes)?;
+    let (mut places, colors) = cells(&header, bytes, Point3::from)?;
+    let finite = Finite::of(&mut places);
+    let mut points = Points::new(places).expect("places are finite");
+    let of_each = "an entry was read for each point";
+    if header.color.is_some() {
+        points = points.with_attribute("color", Attribute::Color(colors.into())).expect(of_each);
+    }
+    if let Some(normal) = header.normal {
+        let (normals, _) =
+            cells(&Header { place: normal, color: None, ..header }, bytes, Point3::from)?;
+        let normals = normals.iter().map(|normal| normal.coords.into());
+        // Who could not tell a normal wrote NaN.
+        let normals =
+            normals.map(|n: [f64; 3]| if n.iter().all(|x| x.is_finite()) { n } else { [0.0; 3] });
+        points =
+            points.with_attribute("normal", Attribute::Vector(normals.collect())).expect(of_each);
+    }
+    Ok((finite.points(points), finite.n_left_out()))
+}
+
+/// All points and colors; `place` makes a point of three coordinates.
+fn cells(
+    header: &Header,
+    bytes: &[u8],
+    place: impl Fn([f64; 3]) -> Point3<f64> + Sync,
+) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
+    let body = &bytes[header.start..];
+    match header.encoding {
+        Encoding::Ascii => ascii(header, body, place),
+        Encoding::Binary => {
+            need(header, body, header.width * header.height * header.stride)?;
+            let rows = |index: usize, field: &Field| &body[index * header.stride + field.offset..];
+            Ok(gather(header, rows, place))
+        }
+        Encoding::Compressed => {
+            let columns = unpack(header, body)?;
+            let count = header.width * header.height;
+            let column =
+                |index, field: &Field| &columns[field.offset * count + index * field.bytes..];
+            Ok(gather(header, column, place))
+        }
+    }
 }
 
 /// Checks that `body` holds at least this many bytes, before memory is reserved for the points.
@@ -202,19 +240,17 @@ fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
 fn gather<'a>(
     header: &Header,
     bytes: impl Fn(usize, &Field) -> &'a [u8] + Sync,
+    point: impl Fn([f64; 3]) -> Point3<f64> + Sync,
 ) -> (Vec<Point3<f64>>, Vec<Rgb>) {
     let cells = || (0..header.width * header.height).into_par_iter().with_min_len(BLOCK);
     let place = &header.place;
     let single = |index, field| f64::from(f32::from_le_bytes(header::first(bytes(index, field))));
     // Most files have single precision; knowing it before the loop makes the loop some 5 times faster.
     let points = if place.iter().all(|field| field.scalar == Scalar::F32) {
-        cells()
-            .map(|index| valid_point(place.each_ref().map(|field| single(index, field))))
-            .collect()
+        cells().map(|index| point(place.each_ref().map(|field| single(index, field)))).collect()
     } else {
         let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
-        let point = |index| valid_point(place.each_ref().map(|field| coordinate(index, field)));
-        cells().map(point).collect()
+        cells().map(|index| point(place.each_ref().map(|field| coordinate(index, field)))).collect()
     };
     let color = |field: &Field| {
         cells().map(|index| unpack_color(header::first(bytes(index, field)))).collect()
@@ -235,7 +271,11 @@ fn unpack_color([blue, green, red, _]: [u8; 4]) -> Rgb {
 }
 
 /// The points of an ascii body, one a line.
-fn ascii(header: &Header, body: &[u8]) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
+fn ascii(
+    header: &Header,
+    body: &[u8],
+    point: impl Fn([f64; 3]) -> Point3<f64>,
+) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
     let count = header.width * header.height;
     // Each number takes a digit and a blank, but the last line may lack its end.
     need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
@@ -249,7 +289,7 @@ fn ascii(header: &Header, body: &[u8]) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), P
             return Err(PcdError::Count { line, found, expected });
         }
         let [x, y, z] = header.place.map(|field| number(&field, numbers[field.index], line));
-        points.push(valid_point([x?, y?, z?]));
+        points.push(point([x?, y?, z?]));
         if let Some(field) = &header.color {
             colors.push(color(field, numbers[field.index], line)?);
         }
@@ -279,6 +319,20 @@ fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
     };
     let bits = bits.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })?;
     Ok(unpack_color(bits.to_le_bytes()))
+}
+
+/// Reads points, of a grid, too.
+pub(super) struct PointsPcd;
+
+impl FileReader for PointsPcd {
+    type Value = Points;
+    const ENDINGS: &'static [&'static str] = &["pcd"];
+
+    fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
+        let (points, left_out) = read_points(file.bytes())?;
+        finite::tell(file, left_out, "point");
+        Ok(points)
+    }
 }
 
 /// Writes a range image as a binary PCD file: single precision, NaN where a cell is invalid.
@@ -397,8 +451,8 @@ mod tests {
     #[test]
     fn headers_that_lie_are_refused_with_their_line() {
         assert_eq!(
-            error("HEIGHT 6", "HEIGHT 1"),
-            "line 8: HEIGHT is 1: the 8 points are a list, not the rows of a grid (the cloud is not organized)"
+            error("WIDTH 8\nHEIGHT 6", "WIDTH 48\nHEIGHT 1"),
+            "line 8: HEIGHT is 1: the 48 points are a list, not the rows of a grid (the cloud is not organized)"
         );
         assert_eq!(error("POINTS 48", "POINTS 47"), "line 10: POINTS is 47, but the grid is 8 x 6");
         assert_eq!(error("WIDTH 8", "WIDTH 9"), "line 10: POINTS is 48, but the grid is 9 x 6");
@@ -441,6 +495,27 @@ mod tests {
         file.resize(header.len() + 8 + packed as usize, 0);
         let text = "10000 x 5000 points would take more than 1073741824 bytes of memory: write them uncompressed, as `DATA binary`";
         assert_eq!(read(&file).unwrap_err().to_string(), text);
+    }
+
+    #[test]
+    fn a_list_of_points_is_read_with_colors_and_normals_and_without_what_is_nowhere() {
+        let file = b"FIELDS x y z rgb normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4 4\nTYPE F F F U F F F\nWIDTH 3\nHEIGHT 1\n\
+            DATA ascii\n1 2 0 65280 0 0 1\nnan 0 0 0 0 0 1\n4 5 6 255 nan nan nan\n";
+        let (points, left_out) = read_points(file).unwrap();
+        assert_eq!(left_out, 1);
+        assert_eq!(
+            points.positions()[..],
+            [Point3::new(1.0, 2.0, 0.0), Point3::new(4.0, 5.0, 6.0)]
+        );
+        assert_eq!(points.attributes().colors("color").unwrap()[..], [[0, 255, 0], [0, 0, 255]]);
+        assert_eq!(points.attributes().vectors("normal").unwrap()[..], [[0.0, 0.0, 1.0], [0.0; 3]]);
+        let file = Reading::alone("a.pcd", file);
+        PointsPcd::read(&file).unwrap();
+        assert_eq!(file.doubts(), ["1 point is left out: a coordinate is NaN or infinite"]);
+        assert_eq!(
+            read_points(COMPRESSED).unwrap().0.positions().len(),
+            48 - read_points(COMPRESSED).unwrap().1
+        );
     }
 
     #[test]

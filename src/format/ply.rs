@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::At;
 use super::corners::{FaceList, with_corners};
+use super::finite::Finite;
 use crate::value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 use body::{Body, Rows};
 use header::{Element, Header, Kind, Property, Scalar};
@@ -135,7 +136,7 @@ pub enum PlyError {
     Mesh(#[from] MeshError),
 }
 
-/// The mesh in a PLY file; a point cloud is a mesh without faces.
+/// The mesh in a PLY file; a point cloud is a mesh without faces. Faces at vertices that are at no finite place are left out.
 ///
 /// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
 /// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
@@ -146,6 +147,12 @@ pub enum PlyError {
 /// # Errors
 /// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
+    let (mesh, finite) = read_whole(bytes)?;
+    Ok(finite.mesh(mesh).0)
+}
+
+/// The mesh in a PLY file, and which of its vertices are at finite places.
+fn read_whole(bytes: &[u8]) -> Result<(Mesh, Finite), PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let mut vertices = None;
@@ -165,19 +172,24 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
     vertices.into_mesh(&header, faces.unwrap_or_default())
 }
 
-/// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, are left out.
+/// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, and points at no finite place are left out.
 ///
 /// # Errors
 /// As for [`read`].
 pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
-    let mesh = read(bytes)?;
+    Ok(read_finite(bytes)?.0)
+}
+
+/// The points in a PLY file, and how many were left out.
+fn read_finite(bytes: &[u8]) -> Result<(Points, usize), PlyError> {
+    let (mesh, finite) = read_whole(bytes)?;
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
         points = points
             .with_attribute(name, attribute.clone())
             .expect("a mesh has an entry for each vertex");
     }
-    Ok(points)
+    Ok((finite.points(points), finite.n_left_out()))
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
@@ -282,9 +294,10 @@ impl<'a> Table<'a> {
         })
     }
 
-    fn into_mesh(mut self, header: &Header, faces: FaceTable) -> Result<Mesh, PlyError> {
+    fn into_mesh(mut self, header: &Header, faces: FaceTable) -> Result<(Mesh, Finite), PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
-        let positions = self.rows.gather(&places, Point3::from);
+        let mut positions = self.rows.gather(&places, Point3::from);
+        let finite = Finite::of(&mut positions);
         let (uv, faces_table) = (faces.uv, faces.scalars);
         let (faces, origins) = match faces.triangles {
             Some(triangles) => (Faces::triangles(triangles), Vec::new()),
@@ -294,7 +307,7 @@ impl<'a> Table<'a> {
         if let Some(normals) = self.take(["nx", "ny", "nz"]) {
             mesh = mesh.with_vertex(
                 "normal",
-                Attribute::Vector(self.rows.gather(&normals, |normal| normal).into()),
+                Attribute::Vector(self.rows.gather(&normals, finite_normal).into()),
             )?;
         }
         let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
@@ -312,7 +325,7 @@ impl<'a> Table<'a> {
         for (name, attribute) in of_faces.unwrap_or_default() {
             mesh = mesh.with_face(&name, attribute)?;
         }
-        Ok(mesh)
+        Ok((mesh, finite))
     }
 
     /// Takes out all that is left: what our own comments say of it, colors, and columns by their names.
@@ -456,6 +469,11 @@ fn read_corners(
     Ok(())
 }
 
+/// A normal; none if it could not be told, which is NaN in files.
+fn finite_normal(normal: [f64; 3]) -> [f64; 3] {
+    if normal.iter().all(|x| x.is_finite()) { normal } else { [0.0; 3] }
+}
+
 /// A mesh without faces.
 fn no_faces() -> Faces {
     Faces::triangles(Vec::new())
@@ -465,6 +483,7 @@ fn no_faces() -> Faces {
 mod tests {
     use super::*;
     use crate::format::hostile;
+    use crate::reading::Reading;
 
     const GRIDS: [&[u8]; 4] = [
         include_bytes!("../../tests/data/formats/range_grid_ascii.ply"),
@@ -509,6 +528,20 @@ mod tests {
         let step = Attribute::Number(vec![-1.0, 3.0].into());
         assert_eq!(mesh.vertex().get("step"), Some(&step));
         assert_eq!(mesh.vertex().iter().count(), 2);
+    }
+
+    #[test]
+    fn faces_at_vertices_that_are_nowhere_are_left_out_and_so_are_such_points() {
+        let file = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\n\
+            property float ny\nproperty float nz\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n\
+            0 1 0 0 0 1\nnan 0 0 nan nan nan\n5 5 inf 0 0 1\n3 0 1 2\n3 1 3 2\n";
+        let mesh = Reading::alone("a.ply", file.as_bytes());
+        assert_eq!(crate::format::read::<Mesh>(&mesh).unwrap().faces().len(), 1);
+        let why = "a coordinate is NaN or infinite";
+        assert_eq!(mesh.doubts(), [format!("1 face is left out: {why}")]);
+        let points = Reading::alone("a.ply", file.as_bytes());
+        assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 3);
+        assert_eq!(points.doubts(), [format!("2 points are left out: {why}")]);
     }
 
     #[test]

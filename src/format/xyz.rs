@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::finite::{self, Finite};
 use super::{check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
@@ -44,9 +45,16 @@ pub enum XyzError {
 /// colors, attribute `color`; else normals, attribute `normal`. Blanks or commas part the numbers; empty lines and what follows a
 /// `#` are passed over.
 ///
+/// Points at no finite place are left out.
+///
 /// # Errors
 /// If a word is no number, lines have other or different numbers of them, or there is no point.
 pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
+    Ok(read_finite(bytes)?.0)
+}
+
+/// The points in an XYZ file, and how many were left out.
+fn read_finite(bytes: &[u8]) -> Result<(Points, usize), XyzError> {
     let mut positions = Vec::new();
     let mut extras: Vec<[f64; 3]> = Vec::new();
     for (text, line) in bytes.split(|&byte| byte == b'\n').zip(1..) {
@@ -72,16 +80,20 @@ pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
     if positions.is_empty() {
         return Err(XyzError::Empty);
     }
+    let finite = Finite::of(&mut positions);
+    let left_out = finite.n_left_out();
     let points = Points::new(positions)?;
     if extras.is_empty() {
-        return Ok(points);
+        return Ok((finite.points(points), left_out));
     }
     let is_byte = |number: &f64| (0.0..=255.0).contains(number) && number.fract() == 0.0;
     if extras.as_flattened().iter().all(is_byte) {
         let colors = extras.iter().map(|color| color.map(|channel| channel as u8)).collect();
-        return Ok(points.with_attribute("color", Attribute::Color(colors))?);
+        let points = points.with_attribute("color", Attribute::Color(colors))?;
+        return Ok((finite.points(points), left_out));
     }
-    Ok(points.with_attribute("normal", Attribute::Vector(extras.into()))?)
+    let points = points.with_attribute("normal", Attribute::Vector(extras.into()))?;
+    Ok((finite.points(points), left_out))
 }
 
 /// The numbers of a line, at most six, and how many there are.
@@ -157,7 +169,9 @@ impl FileReader for PointsXyz {
     const ENDINGS: &'static [&'static str] = &["xyz"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        Ok(read(file.bytes())?)
+        let (points, left_out) = read_finite(file.bytes())?;
+        finite::tell(file, left_out, "point");
+        Ok(points)
     }
 }
 
@@ -196,6 +210,15 @@ mod tests {
     }
 
     #[test]
+    fn points_that_are_nowhere_are_left_out_and_told_of() {
+        let file = Reading::alone("a.xyz", b"1 2 3 0 0 255\nnan nan nan 0 9 0\n4 5 inf 1 0 0\n");
+        let points = PointsXyz::read(&file).unwrap();
+        assert_eq!(points.positions()[..], [Point3::new(1.0, 2.0, 3.0)]);
+        assert_eq!(points.attributes().colors("color").unwrap()[..], [[0, 0, 255]]);
+        assert_eq!(file.doubts(), ["2 points are left out: a coordinate is NaN or infinite"]);
+    }
+
+    #[test]
     fn files_that_lie_are_refused_with_their_line() {
         let error = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
         assert_eq!(error("1 2\n"), "line 1: 2 numbers, where there must be 3 or 6");
@@ -208,7 +231,6 @@ mod tests {
             "line 2: 3 numbers, where there must be 6, as before"
         );
         assert_eq!(error("1 2 c\n"), "line 1: `c` is not a number");
-        assert_eq!(error("1 2 inf\n"), "point 0 is not at a finite place");
         assert_eq!(error("# nothing\n"), "there is no point in the file");
     }
 

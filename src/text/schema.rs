@@ -184,7 +184,20 @@ impl Walk<'_> {
         let empty = Map::new();
         let properties = schema.get("properties").and_then(Json::as_object).unwrap_or(&empty);
         let Some(fields) = tree.fields() else {
-            return self.wrong(tree, owner, "named fields: `(field: value, ..)`");
+            let message = format!(
+                "field `{owner}` of {} wants named fields: `(field: value, ..)`, not {}",
+                self.node,
+                tree.in_words()
+            );
+            let required = schema["required"].as_array().map_or(&[][..], |required| required);
+            let help = match (&tree.kind, required) {
+                (Kind::Call { body: Body::Items(items), .. }, [name]) if items.len() == 1 => {
+                    let name = name.as_str().unwrap_or_default();
+                    items[0].text().map(|text| format!("write `{owner}({name}: \"{text}\")`"))
+                }
+                _ => None,
+            };
+            return self.find(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
         };
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
         let required = Vec::from_iter(required.filter_map(Json::as_str));
@@ -316,6 +329,13 @@ impl Walk<'_> {
                 let message = format!("`{}(..)` holds one value, not {}", name.text, items.len());
                 self.find(code::WRONG_VALUE, tree, message, "");
             }
+            Kind::Call { body: Body::Fields(fields), .. } if fields.len() == 1 => {
+                let (name, field_name) = (&name.text, &fields[0].name.text);
+                let message =
+                    format!("`{name}(..)` holds one value without a name, not `{field_name}: ..`");
+                let help = fields[0].value.text().map(|text| format!("write `{name}(\"{text}\")`"));
+                self.find(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
+            }
             _ => self.wrong(tree, field, &format!("one value: `{}(..)`", name.text)),
         }
     }
@@ -382,10 +402,13 @@ impl Walk<'_> {
             && above.is_none_or(|above| above < value)
             && below.is_none_or(|below| value < below);
         if !fits {
-            let lowest = min.map(|min| format!("at least {min}"));
-            let lowest = lowest.or_else(|| above.map(|above| format!("greater than {above}")));
-            let highest = max.map(|max| format!("at most {max}"));
-            let highest = highest.or_else(|| below.map(|below| format!("less than {below}")));
+            // The narrower of two limits counts: "at least 0" says nothing beside "more than 0".
+            let above = above.filter(|above| min.is_none_or(|min| min <= *above));
+            let below = below.filter(|below| max.is_none_or(|max| *below <= max));
+            let lowest = above.map(|above| format!("more than {above}"));
+            let lowest = lowest.or_else(|| min.map(|min| format!("at least {min}")));
+            let highest = below.map(|below| format!("less than {below}"));
+            let highest = highest.or_else(|| max.map(|max| format!("at most {max}")));
             let range: Vec<String> = lowest.into_iter().chain(highest).collect();
             let unit = schema.get("unit").and_then(Json::as_str);
             let unit = unit.map_or_else(String::new, |unit| format!(" {unit}"));

@@ -131,3 +131,39 @@ fn what_is_not_there_is_told() {
         "{list}"
     );
 }
+
+#[test]
+fn a_file_that_cannot_be_read_is_told_with_its_reason_and_in_the_graph() {
+    let folder = folder(&[("coarse.obj", "a.obj")]);
+    let cut = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1 1\n";
+    std::fs::write(folder.path().join("scans/b.ply"), cut).unwrap();
+    let why = "cannot read scans/b.ply: line 10: the file ends too early";
+    assert!(made(folder.path(), &[]).contains(&format!("warning: {why}\n")));
+    let text = std::fs::read_to_string(folder.path().join("scans/scans.ron")).unwrap();
+    assert!(text.starts_with(&format!("// Not used: {why}\n")), "{text}");
+    std::fs::remove_file(folder.path().join("scans/a.obj")).unwrap();
+    let nothing = told(&maquette(folder.path(), &["new", "scans", "--out", "c.ron"]));
+    assert!(nothing.contains(why), "{nothing}");
+}
+
+#[test]
+fn points_of_a_list_and_of_a_survey_which_is_in_meters_by_its_format() {
+    let folder = folder(&[("points.xyz", "b.xyz")]);
+    let scans = folder.path().join("scans");
+    std::fs::remove_file(scans.join("b.xyz")).unwrap();
+    let points = (0..400).map(|k| {
+        let (turn, rise) = (f64::from(k) * 2.4, f64::from(k) / 200.0 - 0.9975);
+        let wide = (1.0 - rise * rise).sqrt();
+        format!("{} {} {}\n", 50.0 * wide * turn.cos(), 50.0 * wide * turn.sin(), 50.0 * rise)
+    });
+    let header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 400\nHEIGHT 1\nDATA ascii\n";
+    std::fs::write(scans.join("a.pcd"), header.to_owned() + &String::from_iter(points)).unwrap();
+    let new = told(&maquette(folder.path(), &["new", "scans"]));
+    assert!(new.starts_with("scans/scans.ron: Points") && !new.contains("unit"), "{new}");
+    let survey = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/formats/survey.las");
+    std::fs::copy(survey, scans.join("b.las")).unwrap();
+    let new = told(&maquette(folder.path(), &["new", "scans/b.las"]));
+    assert!(new.contains("scan.unit: M"), "{new}");
+    let seen = told(&maquette(folder.path(), &["inspect", "scans/b.las"]));
+    assert!(seen.contains("the numbers are meters"), "{seen}");
+}

@@ -13,6 +13,10 @@ use maquette_base::linear::mix::Mix;
 /// Weight of the planes that hold borders and creases, beside those of faces.
 const HOLD: f64 = 1000.0;
 
+/// The same for seams, whose slip on the surface the texture counts by itself: what holds them hard meets far off the surface where they
+/// run to and fro.
+const HOLD_SEAM: f64 = 0.1;
+
 /// Largest turn of a face that stays: the cosine of 75 degrees.
 const LEAST_COSINE: f64 = 0.25881904510252074;
 
@@ -107,7 +111,7 @@ impl Net {
         net
     }
 
-    /// The planes of all faces, and those that hold borders and creases.
+    /// The planes of all faces, and those that hold borders, creases and seams.
     fn add_planes(&mut self, mesh: &Mesh) {
         for triangle in self.triangles.clone() {
             let area = self.area(triangle);
@@ -119,18 +123,18 @@ impl Net {
         }
         let edges = mesh.edges();
         let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-        let borders = borders.map(|(&ends, _)| (ends, 0.0));
+        let borders = borders.map(|(&ends, _)| (ends, 0.0, HOLD));
         let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
-        // Seams are held as borders are.
-        let seams = self.seams().into_iter().map(|ends| (ends, 0.0));
-        for (ends, sharpness) in creases.chain(borders).chain(seams) {
+        let creases = creases.map(|(ends, sharpness)| (ends, sharpness, HOLD));
+        let seams = self.seams().into_iter().map(|ends| (ends, 0.0, HOLD_SEAM));
+        for (ends, sharpness, weight) in creases.chain(borders).chain(seams) {
             let [a, b] = ends;
             if self.sharp[a as usize].iter().any(|(end, _)| *end == b) {
                 continue;
             }
             self.sharp[a as usize].push((b, sharpness));
             self.sharp[b as usize].push((a, sharpness));
-            self.hold(ends);
+            self.hold(ends, weight);
         }
     }
 
@@ -181,15 +185,15 @@ impl Net {
         self.triangles[face as usize].iter().position(|&corner| corner == vertex)
     }
 
-    /// Adds the planes through an edge that are perpendicular to its faces.
-    fn hold(&mut self, [a, b]: [u32; 2]) {
+    /// Adds the planes through an edge that are perpendicular to its faces, of this weight.
+    fn hold(&mut self, [a, b]: [u32; 2], weight: f64) {
         let along = self.places[b as usize] - self.places[a as usize];
         let at = self.places[a as usize].coords;
         let faces = self.around[a as usize].iter().map(|&face| self.triangles[face as usize]);
         let faces = Vec::from_iter(faces.filter(|face| face.contains(&b)));
         for face in faces {
             if let Some(normal) = along.cross(&self.area(face)).try_normalize(0.0) {
-                let plane = Quadric::plane(normal, at, HOLD * along.norm_squared());
+                let plane = Quadric::plane(normal, at, weight * along.norm_squared());
                 [a, b].iter().for_each(|&end| self.quadrics[end as usize] += plane);
             }
         }

@@ -193,3 +193,41 @@ fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
         }
     }
 }
+
+/// A ball of 30 mm, of which each column of faces lies in one of two places of the picture, by turns as a zigzag.
+fn textured_ball() -> Mesh {
+    let (n, rows) = (90u32, 60u32);
+    let at = |k: u32| {
+        let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
+        let rise = 2.6 * (f64::from(k / n) / f64::from(rows) - 0.5);
+        let (sin, cos) = libm::sincos(turn);
+        30.0 * Point3::new(libm::cos(rise) * cos, libm::cos(rise) * sin, libm::sin(rise))
+    };
+    let (mut faces, mut uv) = (Vec::new(), Vec::new());
+    for (i, j) in (0..n * rows).map(|k| (k % n, k / n)) {
+        let is_patch = (i + j % 2 * 2) / 10 % 2 == 0;
+        let square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
+        for triangle in [[0, 1, 2], [0, 2, 3]].map(|it| it.map(|k: usize| square[k])) {
+            faces.push(triangle.map(|(i, j)| i % n + j * n));
+            let shift = f64::from(u8::from(is_patch));
+            let place =
+                |(i, j)| [f64::from(i) / f64::from(n) + shift, f64::from(j) / f64::from(rows)];
+            uv.extend(triangle.map(place));
+        }
+    }
+    let places = Vec::from_iter((0..n * (rows + 1)).map(at));
+    let ball = Mesh::new(places, Faces::triangles(faces)).unwrap();
+    ball.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
+}
+
+#[test]
+fn a_texture_of_jagged_patches_does_not_lift_vertices_off_the_surface() {
+    let ball = textured_ball();
+    let bare = Mesh::new(ball.positions().clone(), ball.faces().clone()).unwrap();
+    let farthest = |mesh: &Mesh| {
+        let off = mesh.positions().iter().map(|place| (place.coords.norm() - 30.0).abs());
+        off.fold(0.0, f64::max)
+    };
+    let [textured, bare] = [&ball, &bare].map(|mesh| farthest(&simple(mesh, 600)));
+    assert!(textured < 2.5 * bare, "{textured} {bare}");
+}

@@ -38,6 +38,8 @@ pub(super) struct Scans {
     pub(super) all: Vec<Scan>,
     /// Other files that could be read, and what they are.
     others: Vec<(PathBuf, &'static str)>,
+    /// Of each file that looks like one of these but cannot be read, which it is, and why not.
+    pub(super) unread: Vec<String>,
 }
 
 impl Scans {
@@ -57,12 +59,13 @@ impl Scans {
                 files.retain(|file| file == path || !holds_a_scan(file, catalog));
             }
         }
-        let (mut scans, mut pictures) = (Vec::new(), Vec::new());
+        let (mut scans, mut pictures, mut unread) = (Vec::new(), Vec::new(), Vec::new());
         for file in files {
             match Found::of(&file, catalog) {
-                Some(Found::Scan(scan)) => scans.push(scan),
-                Some(Found::Picture(size)) => pictures.push((file, size)),
-                None => {}
+                Ok(Some(Found::Scan(scan))) => scans.push(scan),
+                Ok(Some(Found::Picture(size))) => pictures.push((file, size)),
+                Ok(None) => {}
+                Err(why) => unread.push(why.replace('\n', " ")),
             }
         }
         let mut groups: BTreeMap<(usize, bool, String), Vec<Scan>> = BTreeMap::new();
@@ -87,7 +90,7 @@ impl Scans {
         let is_used = |file: &Path| all.iter().any(|scan| scan.picture.as_deref() == Some(file));
         let pictures = pictures.into_iter().filter(|(file, _)| !is_used(file));
         others.extend(pictures.map(|(file, _)| (file, Image::NAME)));
-        Ok(Self { folder, all, others })
+        Ok(Self { folder, all, others, unread })
     }
 
     /// What is said if no recipe fits.
@@ -97,13 +100,14 @@ impl Scans {
             false => self.folder.display().to_string(),
         };
         let wanted = "a range image, a mesh or points";
-        match self.others.len() {
+        let nothing = match self.others.len() {
             0 => format!("there is no scan in {folder}: {wanted}"),
             count => {
                 let pictures = counted(count, "picture");
                 format!("there is no scan in {folder} beside {pictures}: {wanted}")
             }
-        }
+        };
+        [nothing].iter().chain(&self.unread).map(String::as_str).collect::<Vec<_>>().join("\n")
     }
 
     /// What there is, for a message.
@@ -177,24 +181,40 @@ enum Found {
 }
 
 impl Found {
-    fn of(file: &Path, catalog: &Catalog) -> Option<Self> {
+    /// What a file holds, if anything.
+    ///
+    /// # Errors
+    /// It should hold something by its ending, but nothing can be read: why.
+    fn of(file: &Path, catalog: &Catalog) -> Result<Option<Self>, String> {
         let readers = catalog.readers();
         let endings = |kind: &str| readers.endings(Some(kind)).contains(&&ending(file)[..]);
-        let read = |kind: &str| {
-            let kind = catalog.value_type(kind).filter(|kind| endings(kind.name))?;
-            Some(readers.open(file, Some(kind)).ok()?.0)
-        };
-        if let Some(scan) = KINDS.iter().find_map(|kind| scan(file, &read(kind)?)) {
-            return Some(Self::Scan(scan));
+        let (mut is_read, mut why) = (false, None);
+        for kind in KINDS.into_iter().chain([Image::NAME]) {
+            let Some(kind) = catalog.value_type(kind).filter(|kind| endings(kind.name)) else {
+                continue;
+            };
+            match readers.open(file, Some(kind)) {
+                Ok((value, _)) => {
+                    is_read = true;
+                    let picture = value.get::<Image>();
+                    let picture = picture.map(|it| Self::Picture([it.width(), it.height()]));
+                    if let Some(found) = scan(file, &value).map(Self::Scan).or(picture) {
+                        return Ok(Some(found));
+                    }
+                }
+                // What is asked for last, points or a picture, asks for the least.
+                Err(error) => why = Some(error),
+            }
         }
-        let picture = read(Image::NAME)?;
-        let picture = picture.get::<Image>()?;
-        Some(Self::Picture([picture.width(), picture.height()]))
+        match why {
+            Some(why) if !is_read => Err(why),
+            _ => Ok(None),
+        }
     }
 }
 
 fn holds_a_scan(file: &Path, catalog: &Catalog) -> bool {
-    matches!(Found::of(file, catalog), Some(Found::Scan(_)))
+    matches!(Found::of(file, catalog), Ok(Some(Found::Scan(_))))
 }
 
 /// A value as a scan, if it is one: a mesh has faces, and a depth map is one beside its camera alone.
@@ -215,11 +235,16 @@ fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
         kind: value.kind().name,
         picture: None,
         has_camera,
-        // No scanner has a field of two centimeters, and few see twenty meters.
-        in_meters: (high - low).norm() < 20.0,
+        // Surveys are in meters by their formats. No scanner has a field of two centimeters, and few see twenty meters.
+        in_meters: in_meters(file) || (high - low).norm() < 20.0,
         y_up: is_grid && high.z <= 0.0,
     };
     Some((scan, size))
+}
+
+/// Whether numbers are meters by the format of a file.
+pub(in crate::cli) fn in_meters(file: &Path) -> bool {
+    ["las", "laz", "e57"].contains(&&ending(file)[..])
 }
 
 /// The name of a file with `#` in place of its numbers, so that those of several captures are the same, as they are in several folders.

@@ -82,8 +82,12 @@ pub(super) enum Encoding {
 pub(super) struct Header {
     pub(super) width: usize,
     pub(super) height: usize,
+    /// The line that says how high it is, from 1.
+    pub(super) height_line: usize,
     /// x, y and z.
     pub(super) place: [Field; 3],
+    /// `normal_x`, `normal_y` and `normal_z`.
+    pub(super) normal: Option<[Field; 3]>,
     /// Four bytes with blue first.
     pub(super) color: Option<Field>,
     /// Bytes per point.
@@ -130,6 +134,9 @@ fn number(line: usize, word: &[u8]) -> Result<usize, PcdError> {
 }
 
 pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
+    if bytes.is_empty() {
+        return Err(PcdError::Empty);
+    }
     let mut lines = Lines::default();
     let mut start = 0;
     for line in 1.. {
@@ -174,10 +181,7 @@ fn layout(
     let (_, names) = lines.find("FIELDS")?;
     let fields = fields(lines, names)?;
     let (width_line, width) = lines.number("WIDTH")?;
-    let (line, height) = lines.number("HEIGHT")?;
-    if height == 1 {
-        return Err(PcdError::NotOrganised { line, width });
-    }
+    let (height_line, height) = lines.number("HEIGHT")?;
     let overflow = || PcdError::TooLarge { line: width_line };
     let count = width.checked_mul(height).filter(|&count| count > 0).ok_or_else(overflow)?;
     match lines.number("POINTS") {
@@ -192,12 +196,15 @@ fn layout(
         index.map(|index| fields[index]).filter(|field| field.bytes > 0)
     };
     let place = |name| find(name).ok_or(PcdError::NoField { name });
+    let normal = || Some([find("normal_x")?, find("normal_y")?, find("normal_z")?]);
     let last = fields.last().ok_or(PcdError::NoField { name: "x" })?;
     let color = find("rgb").or_else(|| find("rgba"));
     let header = Header {
         width,
         height,
+        height_line,
         place: [place("x")?, place("y")?, place("z")?],
+        normal: normal(),
         color: color.filter(|field| {
             matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
         }),

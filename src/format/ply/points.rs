@@ -3,9 +3,9 @@
 use super::no_faces;
 use super::write::encode;
 use crate::error::Error;
-use crate::format::check_single;
 use crate::format::rows::{floats, indices};
 use crate::format::upright::upright_points;
+use crate::format::{check_single, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
@@ -116,7 +116,9 @@ impl FileReader for PointsPly {
     const ENDINGS: &'static [&'static str] = &["ply"];
 
     fn read(file: &Reading<'_>) -> Result<Points, Error> {
-        Ok(super::read_points(file.bytes())?)
+        let (points, left_out) = super::read_finite(file.bytes())?;
+        finite::tell(file, left_out, "point");
+        Ok(points)
     }
 }
 

@@ -8,7 +8,7 @@ use super::header::Kind;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::format::upright::{upright, upright_points};
-use crate::format::{TooFar, check_single};
+use crate::format::{TooFar, check_single, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
@@ -310,7 +310,10 @@ impl FileReader for MeshPly {
     const ENDINGS: &'static [&'static str] = &["ply"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        Ok(super::read(file.bytes())?)
+        let (mesh, finite) = super::read_whole(file.bytes())?;
+        let (mesh, left_out) = finite.mesh(mesh);
+        finite::tell(file, left_out, "face");
+        Ok(mesh)
     }
 }
 

@@ -154,7 +154,7 @@ fn problems_of_a_struct_in_a_variant_stand_at_their_own_places() {
     );
     check_refused(
         "Size(radius: 3)",
-        &["1:1 field `shape` of Node wants one value: `Size(..)`, not `Size(..)`"],
+        &["1:1 `Size(..)` holds one value without a name, not `radius: ..`"],
     );
     check_refused("At", &["1:1 field `shape` of Node wants one value: `At(..)`, not `At`"]);
 }

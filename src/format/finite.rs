@@ -1,0 +1,58 @@
+//! What is at no finite place: sensors and programs write NaN for what they could not tell.
+
+use nalgebra::Point3;
+
+use crate::reading::Reading;
+use crate::value::{Mesh, Points};
+
+/// Which places of a file are finite.
+pub(super) struct Finite(Option<Vec<bool>>);
+
+impl Finite {
+    /// Those that are; the others are put at the origin, until what is there is left out.
+    pub(super) fn of(places: &mut [Point3<f64>]) -> Self {
+        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
+        if places.iter().all(is_finite) {
+            return Self(None);
+        }
+        let finite = places.iter().map(is_finite).collect();
+        places.iter_mut().filter(|place| !is_finite(place)).for_each(|it| *it = Point3::origin());
+        Self(Some(finite))
+    }
+
+    /// How many are not.
+    pub(super) fn n_left_out(&self) -> usize {
+        self.0.iter().flatten().filter(|finite| !**finite).count()
+    }
+
+    /// The points at those that are.
+    pub(super) fn points(&self, points: Points) -> Points {
+        let Some(finite) = &self.0 else { return points };
+        let kept = (0..).zip(finite).filter(|(_, finite)| **finite).map(|(index, _)| index);
+        points.select(&Vec::from_iter(kept))
+    }
+
+    /// The mesh of the faces that have no corner elsewhere, and how many others there are.
+    pub(super) fn mesh(&self, mesh: Mesh) -> (Mesh, usize) {
+        let Some(finite) = &self.0 else { return (mesh, 0) };
+        let is_kept = |face: &[u32]| face.iter().all(|&vertex| finite[vertex as usize]);
+        let kept = (0..).zip(mesh.faces().iter()).filter(|(_, face)| is_kept(face));
+        let kept = Vec::from_iter(kept.map(|(index, _)| index));
+        (mesh.select(&kept), mesh.faces().len() - kept.len())
+    }
+}
+
+/// What is told of so many that are left out, if any: `what` is the word for one.
+pub(super) fn doubt(left_out: usize, what: &str) -> Option<String> {
+    let left_out = match left_out {
+        0 => return None,
+        1 => format!("1 {what} is left out"),
+        more => format!("{more} {what}s are left out"),
+    };
+    Some(format!("{left_out}: a coordinate is NaN or infinite"))
+}
+
+/// Tells that so many of a file are left out, if any.
+pub(super) fn tell(file: &Reading<'_>, left_out: usize, what: &str) {
+    doubt(left_out, what).into_iter().for_each(|doubt| file.doubt(doubt));
+}
