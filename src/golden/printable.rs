@@ -64,7 +64,7 @@ fn walls(mesh: &Mesh, thickness: f64) -> Wrong {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Point3;
+    use nalgebra::{Point3, Vector3};
 
     use super::*;
     use crate::value::Faces;
