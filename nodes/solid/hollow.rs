@@ -1,9 +1,12 @@
 //! Makes a solid hollow.
 
+use std::collections::BTreeSet;
+
 use maquette::value::{Faces, Mesh, MeshError, TriangleTree};
 use maquette::{
     Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want,
 };
+use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::{MergeError, Poses, merge};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
@@ -104,6 +107,12 @@ pub enum HollowError {
         diameter: f64,
         /// Its place.
         at: [f64; 3],
+    },
+    /// Holes that take too much.
+    #[error("{}: the outlets are too wide, or go through more than the wall", match parts { 0 => "nothing is left of the solid".to_owned(), _ => format!("the solid falls into {parts} parts") })]
+    Outlets {
+        /// Into how many parts it falls.
+        parts: usize,
     },
     /// A hole that cannot be cut.
     #[error(transparent)]
@@ -214,15 +223,31 @@ pub fn hollow(
         return Ok(hollow);
     }
     let inner = TriangleTree::new(&cavity);
-    let drills: Vec<Mesh> = outlets
-        .iter()
-        .map(|outlet| {
+    // What is drilled already is not drilled again.
+    let new = outlets.iter().enumerate().filter(|(k, outlet)| !outlets[..*k].contains(outlet));
+    let drills: Vec<Mesh> = new
+        .map(|(_, outlet)| {
             let drill = drill((mesh, &tree), (&cavity, &inner), outlet)?;
             Ok(lend(mesh, &tree, drill)?.with_frame(mesh.frame().copied()))
         })
         .collect::<Result<_, MeshError>>()?;
     let drills = Vec::from_iter(&drills);
-    Ok(boolean(&hollow, &drills, Operation::Difference, progress)?)
+    let drilled = boolean(&hollow, &drills, Operation::Difference, progress)?;
+    let parts = parts(&drilled);
+    if parts == 0 || self::parts(&hollow) < parts {
+        return Err(HollowError::Outlets { parts });
+    }
+    Ok(drilled)
+}
+
+/// How many skins there are.
+fn parts(mesh: &Mesh) -> usize {
+    let mut sets = UnionFind::new(mesh.positions().len());
+    for face in mesh.faces().iter() {
+        face[1..].iter().for_each(|&vertex| sets.join(face[0], vertex));
+    }
+    let of_faces = mesh.faces().iter().map(|face| sets.first(face[0]));
+    of_faces.collect::<BTreeSet<u32>>().len()
 }
 
 /// Sides of a drill.

@@ -73,6 +73,16 @@ pub enum ShellError {
         "behind the surface there is no inside: `Orient` turns its faces, and `side: Middle` needs none"
     )]
     InsideOut,
+    /// A shell without a face.
+    #[error(
+        "nothing is as near to the surface as `thickness`, {thickness} mm: beside its size of {size} mm that is too much, or too little, to be told apart"
+    )]
+    Nothing {
+        /// How thick it should be.
+        thickness: f64,
+        /// How large the surface is: the diagonal of its box.
+        size: f64,
+    },
     /// A side that is none.
     #[error(transparent)]
     Orient(#[from] OrientError),
@@ -149,12 +159,20 @@ pub fn shell(
     if !(thickness > 0.0 && thickness.is_finite()) {
         return Err(ShellError::Thickness(thickness));
     }
-    if side == Side::Middle {
-        let around = progress.part(0.0..0.9, |progress| {
-            round(mesh, (MORE * thickness / 2.0, 2.0), None, progress)
-        })?;
+    let something = |made: Mesh| match made.faces().is_empty() {
+        false => Ok(made),
+        true => {
+            let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+            Err(ShellError::Nothing { thickness, size })
+        }
+    };
+    let around = |mesh: &Mesh, distance: f64, progress: &Progress<'_>| {
+        let around = something(round(mesh, (MORE * distance, 2.0), None, progress)?)?;
         let around = lend(mesh, &TriangleTree::new(mesh), around)?;
-        return Ok((around.with_frame(mesh.frame().copied()), 0));
+        Ok::<_, ShellError>(around.with_frame(mesh.frame().copied()))
+    };
+    if side == Side::Middle {
+        return Ok((around(mesh, thickness / 2.0, progress)?, 0));
     }
     let turned;
     let mesh = if side == Side::Outside {
@@ -164,11 +182,10 @@ pub fn shell(
         mesh
     };
     let body = progress.part(0.0..0.2, |progress| body(mesh, BEHIND * thickness, progress))?;
-    let around =
-        progress.part(0.2..0.6, |progress| round(mesh, (MORE * thickness, 2.0), None, progress))?;
-    let around = lend(mesh, &TriangleTree::new(mesh), around)?.with_frame(mesh.frame().copied());
+    let around = progress.part(0.2..0.6, |progress| around(mesh, thickness, progress))?;
     let shell = progress
         .part(0.6..0.9, |progress| boolean(&body, &[&around], Operation::Intersection, progress))?;
+    let shell = something(shell)?;
     let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
     Ok((shell, thin))
 }
@@ -366,5 +383,8 @@ mod tests {
         let ball = crate::thicken::tests::cuboid([10.0; 3], 2);
         let turned = orient(&ball, Outside::Flip).unwrap().mesh;
         assert!(told(&turned, 1.0).starts_with("behind the surface there is no inside: "));
+        assert!(told(&plane, 1e-9).contains("blocks of a grid"), "{}", told(&plane, 1e-9));
+        let text = told(&plane, 1e300);
+        assert!(text.starts_with("nothing is as near to the surface as `thickness`, 1"), "{text}");
     }
 }

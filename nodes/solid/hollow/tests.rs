@@ -120,7 +120,10 @@ fn outlets_lead_through_the_wall() {
         let found = volume(&closed) - volume(&open);
         assert!((found - drilled).abs() < 1e-3 * drilled.max(1e-6), "{found} {drilled}");
     }
+    assert_eq!(with(&[below, above, below]), with(&[below, above]));
     let told = |outlet: Outlet| with(&[below, outlet]).unwrap_err().to_string();
+    let wide = told(Outlet { diameter: 100.0, ..above });
+    assert!(wide.starts_with("nothing is left of the solid: the outlets are too wide"), "{wide}");
     assert_eq!(
         told(Outlet { diameter: 0.0, ..above }),
         "outlet 2 has the diameter 0 at (6, 8, 13), but must have finite numbers, and a diameter above 0"
