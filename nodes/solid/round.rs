@@ -91,7 +91,7 @@ pub(crate) fn round(
             }
         }
         // Many faces are near to the same block.
-        if 4 * BLOCKS.most as usize <= blocks.len() {
+        if 4 * BLOCKS.most <= blocks.len() {
             blocks.sort_unstable();
             blocks.dedup();
             BLOCKS.check("the space around the triangles", blocks.len() as f64)?;
