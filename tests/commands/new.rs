@@ -154,7 +154,12 @@ fn points_of_a_list_and_of_a_survey_which_is_in_meters_by_its_format() {
     let points = (0..400).map(|k| {
         let (turn, rise) = (f64::from(k) * 2.4, f64::from(k) / 200.0 - 0.9975);
         let wide = (1.0 - rise * rise).sqrt();
-        format!("{} {} {}\n", 50.0 * wide * turn.cos(), 50.0 * wide * turn.sin(), 50.0 * rise)
+        format!(
+            "{} {} {}\n",
+            50.0 * wide * libm::cos(turn),
+            50.0 * wide * libm::sin(turn),
+            50.0 * rise
+        )
     });
     let header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 400\nHEIGHT 1\nDATA ascii\n";
     std::fs::write(scans.join("a.pcd"), header.to_owned() + &String::from_iter(points)).unwrap();
