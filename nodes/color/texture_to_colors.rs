@@ -71,9 +71,15 @@ impl Node for TextureToColors {
     const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let pixels = cx.get(&self.mesh).texture().map_or(0, |it| it.pixels().len());
-        let each = if self.by == Sampling::Area { 30.0 } else { 0.0 };
-        Some(Estimate { bytes: each * pixels as f64 + 1e6, help: PIXELS.help })
+        let mesh = cx.get(&self.mesh);
+        let pixels = mesh.texture().map_or(0, |it| it.pixels().len()) as f64;
+        let corners = mesh.faces().corners().len() as f64;
+        let bytes = match self.by {
+            // The texels, and the equations of each triangle.
+            Sampling::Area => 30.0 * pixels + 150.0 * corners,
+            _ => 40.0 * corners,
+        };
+        Some(Estimate { bytes: bytes + 1e6, help: PIXELS.help })
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

@@ -68,6 +68,14 @@ pub enum ShellError {
         /// Where the first one is.
         at: [f64; 3],
     },
+    /// Faces that make no surface.
+    #[error(
+        "the faces make no surface: at {count} edges more than two meet, or two that look to different sides; `Orient` turns faces"
+    )]
+    NoSurface {
+        /// How many edges.
+        count: usize,
+    },
     /// A surface without an inside.
     #[error(
         "behind the surface there is no inside: `Orient` turns its faces, and `side: Middle` needs none"
@@ -159,6 +167,11 @@ pub fn shell(
     if !(thickness > 0.0 && thickness.is_finite()) {
         return Err(ShellError::Thickness(thickness));
     }
+    let edges = mesh.edges();
+    let count = edges.misoriented + edges.faces.iter().filter(|faces| 2 < **faces).count();
+    if count > 0 {
+        return Err(ShellError::NoSurface { count });
+    }
     let something = |made: Mesh| match made.faces().is_empty() {
         false => Ok(made),
         true => {
@@ -174,6 +187,7 @@ pub fn shell(
     if side == Side::Middle {
         return Ok((around(mesh, thickness / 2.0, progress)?, 0));
     }
+    let mesh = &something(mesh.clone())?;
     let turned;
     let mesh = if side == Side::Outside {
         turned = orient(mesh, Outside::Flip)?.mesh;
@@ -371,6 +385,14 @@ mod tests {
             shell(mesh, thickness, Side::Inside, &Progress::none()).unwrap_err().to_string()
         };
         let plane = net(|_, _| 0.0);
+        let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
+        assert!(told(&empty, 1.0).starts_with("nothing is as near to the surface"));
+        let fan = (0..5u32).map(|k| Point3::new(f64::from(k), f64::from(k * k), f64::from(k % 2)));
+        let fan = Mesh::new(
+            fan.collect::<Vec<_>>(),
+            Faces::triangles(vec![[0, 1, 2], [0, 1, 3], [1, 0, 4]]),
+        );
+        assert!(told(&fan.unwrap(), 1.0).starts_with("the faces make no surface: at "));
         assert_eq!(told(&plane, 0.0), "`thickness` is 0, but must be a number above 0");
         assert_eq!(told(&plane, f64::NAN), "`thickness` is NaN, but must be a number above 0");
         let steep = plane.with_positions(
