@@ -77,7 +77,7 @@ impl Node for TextureToColors {
         let bytes = match self.by {
             // The texels, and the equations of each triangle.
             Sampling::Area => 30.0 * pixels + 150.0 * corners,
-            _ => 40.0 * corners,
+            Sampling::Point => 40.0 * corners,
         };
         Some(Estimate { bytes: bytes + 1e6, help: PIXELS.help })
     }
