@@ -1,7 +1,7 @@
 //! What is no farther from triangles than a radius.
 
 use maquette::parallel::*;
-use maquette::value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
+use maquette::value::{Bounds, Faces, Mesh, MeshError, NearestPlace, TriangleTree};
 use maquette::{Cancelled, Limit, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
@@ -57,9 +57,8 @@ impl Floor {
     }
 }
 
-/// The skin of all that is no farther than `radius` from a triangle of the mesh and above the floor, with so many cells along the radius: with 3 to within some 2 % of it,
-/// with 2 some 4 %. It is always closed, manifold and
-/// free of crossings, whatever the triangles do.
+/// The skin of all that is no farther than `radius` from a triangle of the mesh, and above the floor: closed, manifold and free of crossings, whatever the
+/// triangles do. It is made of flat faces, with so many `cells` along the radius: within some 2 % of it with 3 cells, 4 % with 2.
 pub(crate) fn round(
     mesh: &Mesh,
     (radius, cells): (f64, f64),
@@ -73,18 +72,18 @@ pub(crate) fn round(
     let low = low - Vector3::repeat(reach + 0.37 * spacing);
     let block = spacing * BLOCK as f64;
     let sizes = [0, 1, 2].map(|axis| ((high[axis] + reach - low[axis]) / block).ceil());
-    // A number that no block along an axis may exceed, so that nodes can be counted.
-    BLOCKS.check("the space around the triangles", sizes.into_iter().fold(0.0, f64::max))?;
+    let few = |count: f64| BLOCKS.check("the space around the triangles", count);
+    // So that blocks along an axis, and those of each triangle, can be counted.
+    few(sizes.into_iter().fold(0.0, f64::max))?;
     let mut blocks = Vec::new();
     for face in mesh.faces().iter() {
-        let places = || face.iter().map(|&it| mesh.positions()[it as usize]);
+        let corners = Vec::from_iter(face.iter().map(|&it| mesh.positions()[it as usize]));
+        let bounds = Bounds::around(&corners);
         let range = [0, 1, 2].map(|axis| {
-            let from = places().fold(f64::INFINITY, |least, at| least.min(at[axis]));
-            let to = places().fold(f64::NEG_INFINITY, |most, at| most.max(at[axis]));
-            [from - reach, to + reach].map(|at| ((at - low[axis]) / block).max(0.0) as usize)
+            let ends = [bounds.low[axis] - reach, bounds.high[axis] + reach];
+            ends.map(|at| ((at - low[axis]) / block).max(0.0) as usize)
         });
-        let cells: f64 = range.iter().map(|[from, to]| (to - from + 1) as f64).product();
-        BLOCKS.check("the space around the triangles", cells)?;
+        few(range.iter().map(|[from, to]| (to - from + 1) as f64).product())?;
         for z in range[2][0]..=range[2][1] {
             for y in range[1][0]..=range[1][1] {
                 blocks.extend((range[0][0]..=range[0][1]).map(|x| [z, y, x]));
@@ -92,14 +91,12 @@ pub(crate) fn round(
         }
         // Many faces are near to the same block.
         if 4 * BLOCKS.most <= blocks.len() {
-            blocks.sort_unstable();
-            blocks.dedup();
-            BLOCKS.check("the space around the triangles", blocks.len() as f64)?;
+            once(&mut blocks);
+            few(blocks.len() as f64)?;
         }
     }
-    blocks.sort_unstable();
-    blocks.dedup();
-    BLOCKS.check("the space around the triangles", blocks.len() as f64)?;
+    once(&mut blocks);
+    few(blocks.len() as f64)?;
     let tree = TriangleTree::new(mesh);
     // Blocks that the skin may run through: as far from the triangles as it is, but for half of their diagonal.
     let middle = |[z, y, x]: &[usize; 3]| {
@@ -123,9 +120,8 @@ pub(crate) fn round(
     for (number, chunk) in blocks.chunks(CHUNK).enumerate() {
         progress.tick(0.2 + 0.7 * (number * CHUNK) as f64 / blocks.len() as f64)?;
         let nodes = chunk.par_iter().flat_map_iter(|&[z, y, x]| {
-            let node = move |k: usize| [k % SIDE, k / SIDE % SIDE, k / SIDE / SIDE];
             (0..SIDE * SIDE * SIDE).map(move |k| {
-                let [i, j, k] = node(k);
+                let [i, j, k] = [k % SIDE, k / SIDE % SIDE, k / SIDE / SIDE];
                 [BLOCK * x + i, BLOCK * y + j, BLOCK * z + k]
             })
         });
@@ -178,6 +174,12 @@ pub(crate) fn round(
             return Ok(skin);
         }
     }
+}
+
+/// Sorts blocks, each once.
+fn once(blocks: &mut Vec<[usize; 3]>) {
+    blocks.sort_unstable();
+    blocks.dedup();
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use maquette::value::{Mesh, MeshError, TriangleTree};
 use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -23,7 +24,7 @@ use crate::volume::volume;
 /// Gives a surface a thickness: an open scan becomes a shell that can be printed, as a mask is.
 ///
 /// The surface itself stays as it is, unless it lies in the middle. The other side is as far from it everywhere as the shell is thick, and there is none where there is no
-/// room for it: a finger becomes solid. Borders are cut straight. Where the surface itself is the skin of something thinner, or a border meets the surface at a sharp
+/// room for it: a finger becomes solid. At its borders there are walls. Where the surface itself is the skin of something thinner, or a border meets the surface at a sharp
 /// angle, the shell is thinner, and that is told. What lies on the surface lies on the other side as at the nearest place.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Shell {
@@ -204,9 +205,10 @@ pub fn shell(
     Ok((shell, thin))
 }
 
-/// A body whose skin the surface is a part of: with lids on its borders, or, where that runs through itself, with walls to a flat base.
+/// A body whose skin the surface is a part of: with flat lids on its borders, or, where these run through it, with borders that are filled as holes are, or with walls to
+/// a flat base.
 fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, ShellError> {
-    let found = |body: &Mesh| -> Result<Option<ShellError>, ShellError> {
+    let wrong = |body: &Mesh| -> Result<Option<ShellError>, ShellError> {
         let found = body.crossings(|| progress.check())?;
         Ok(match found.first() {
             Some(&[face, _]) => {
@@ -217,27 +219,35 @@ fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, Shell
             None => None,
         })
     };
-    let body = with_lids(mesh, behind)?;
-    let Some(why) = found(&body)? else { return Ok(body) };
+    let (body, _) = walled(mesh, behind, true)?;
+    let Some(why) = wrong(&body)? else { return Ok(body) };
+    let (open, rims) = walled(mesh, behind, false)?;
+    let all = HoleChoice::Loops((0..rims).collect());
+    let filled = fill_holes(&open, &all, &FillMethod::Membrane, progress);
     let based = Ground::of(mesh, behind, None).and_then(|ground| {
         let front = if mesh.frame().is_some() { seen(mesh, &ground) } else { mesh.clone() };
         with_base(&front, &ground)
     });
-    match based {
-        Ok(body) if found(&body)?.is_none() => Ok(body),
-        _ => Err(why),
+    for body in filled.ok().map(|it| it.mesh).into_iter().chain(based.ok()) {
+        if wrong(&body)?.is_none() {
+            return Ok(body);
+        }
     }
+    Err(why)
 }
 
-/// The surface with a lid on each border. Walls run behind it first where the lid would lie in the surface, or on its back.
-fn with_lids(mesh: &Mesh, behind: f64) -> Result<Mesh, MeshError> {
+/// The surface with a flat lid on each border, if lids are wanted, and the number of borders. Walls run behind them first where a lid would lie in the
+/// surface, or on its back.
+fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshError> {
     let faces = mesh.faces();
     let vertex = |corner: u32| faces.corners()[corner as usize];
     let sides = border(mesh).into_iter().map(|own| (own.1.map(vertex), own));
     // Lids run along sides the other way round.
     let sides: BTreeMap<[u32; 2], _> = sides.map(|([a, b], own)| ([b, a], own)).collect();
     let mut grown = Grown::new(mesh);
-    for rim in loops(&Vec::from_iter(sides.keys().copied())) {
+    let rims = loops(&Vec::from_iter(sides.keys().copied()));
+    let count = rims.len();
+    for rim in rims {
         let next = rim[1..].iter().chain(&rim[..1]);
         let own = Vec::from_iter(rim.iter().zip(next).map(|(&a, &b)| sides[&[a, b]]));
         let place = |vertex: u32| mesh.positions()[vertex as usize];
@@ -268,12 +278,15 @@ fn with_lids(mesh: &Mesh, behind: f64) -> Result<Mesh, MeshError> {
             grown.add_face([0, 1, 2].map(|k: usize| wall[k]), face);
             grown.add_face([0, 2, 3].map(|k: usize| wall[k]), face);
         }
+        if !lids {
+            continue;
+        }
         for triangle in triangulate(&[rim], |at| flat(feet[&at].1, lid)) {
             let own = triangle.map(|at| feet[&at]);
             grown.add_face(own.map(|(foot, _, corner, _)| [foot, corner]), own[0].3);
         }
     }
-    grown.mesh()
+    Ok((grown.mesh()?, count))
 }
 
 #[cfg(test)]
@@ -351,9 +364,9 @@ mod tests {
             (shell.positions().len(), shell.faces().len(), shell.edges().faces.len());
         // A plate with a hole, as a torus.
         assert_eq!(vertices + faces, edges);
-        // The surface looks up at its border rather than to the side: walls run down from there, as far as the shell is thick.
+        // It ends where the surface ends.
         let lowest = |mesh: &Mesh| mesh.bounds().unwrap().0.z;
-        assert!((1.05..1.07).contains(&(lowest(&dome) - lowest(&shell))));
+        assert_eq!(lowest(&shell), lowest(&dome));
     }
 
     #[test]

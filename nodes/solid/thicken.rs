@@ -45,12 +45,12 @@ pub(crate) fn thicken(
     progress: &Progress<'_>,
 ) -> Result<(Mesh, usize), ThickenError> {
     let mut made = solid.clone();
-    for pass in 0..=PASSES {
+    let mut passes = 0..PASSES;
+    loop {
         let tree = TriangleTree::new(&made);
         let thin = thin(&made, &tree, thickness);
-        if thin.is_empty() || pass == PASSES {
-            return Ok((made, thin.len()));
-        }
+        let pass = passes.next().filter(|_| !thin.is_empty());
+        let Some(pass) = pass else { return Ok((made, thin.len())) };
         let share = |part: f64| (pass as f64 + part) / PASSES as f64;
         let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
         let added = progress.part(share(0.0)..share(0.7), |progress| {
@@ -61,14 +61,13 @@ pub(crate) fn thicken(
             boolean(&made, &[&added], Operation::Union, progress)
         })?;
     }
-    Ok((made, 0))
 }
 
 /// A warning of so many faces with less than `thickness` mm behind them.
 pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
-    let faces = if count == 1 { "face has" } else { "faces have" };
+    let [faces, them] = if count == 1 { ["face has", "it"] } else { ["faces have", "them"] };
     format!(
-        "{count} {faces} still a wall of less than {thickness} mm behind them; `Printable(thickness: ..)` among `expect` tells where"
+        "{count} {faces} still a wall of less than {thickness} mm behind {them}; `Printable(thickness: ..)` among `expect` tells where"
     )
 }
 

@@ -8,13 +8,15 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::At;
-use super::corners::{FaceList, with_corners};
+use super::corners::with_corners;
 use super::finite::Finite;
 use crate::value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 use body::{Body, Rows};
+use faces::FaceTable;
 use header::{Element, Header, Kind, Property, Scalar};
 
 mod body;
+mod faces;
 mod header;
 mod points;
 mod range;
@@ -384,89 +386,6 @@ fn read_numbers(
         }
     }
     Ok(bytes)
-}
-
-/// The corners of all faces, and their texture coordinates.
-#[derive(Default)]
-struct FaceTable {
-    /// All faces, if they are triangles without repeated corners in a binary table of nothing else.
-    triangles: Option<Vec<[u32; 3]>>,
-    /// All faces otherwise.
-    list: FaceList,
-    uv: Option<Vec<[f64; 2]>>,
-    /// What is no list, of the faces in `list`.
-    scalars: Option<Table<'static>>,
-}
-
-impl FaceTable {
-    fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
-        if let Some(triangles) = body.take_triangles(element) {
-            return Ok(Self { triangles: Some(triangles), ..Self::default() });
-        }
-        let list = FaceList::with_capacity(body.room_for_faces(element));
-        let mut table = Self { triangles: None, list, uv: Some(Vec::new()), scalars: None };
-        let (mut corners, mut uv) = (Vec::new(), Vec::new());
-        let (mut numbers, mut count) = (Vec::new(), 0);
-        for _ in 0..element.count {
-            corners.clear();
-            uv.clear();
-            let before = numbers.len();
-            for Property { name, length, scalar } in &element.properties {
-                match (length, &**name) {
-                    (Some(length), "vertex_indices" | "vertex_index") => {
-                        read_corners(body, *length, *scalar, &mut corners)?;
-                    }
-                    (Some(length), "texcoord") => {
-                        for _ in 0..body.length(*length)? {
-                            uv.push(body.number(*scalar)?);
-                        }
-                    }
-                    (Some(length), _) => body.skip_list(*length, *scalar)?,
-                    (None, _) => {
-                        numbers.extend_from_slice(&body.number(*scalar)?.to_le_bytes());
-                    }
-                }
-            }
-            match table.list.push(&corners) {
-                true => count += 1,
-                false => numbers.truncate(before),
-            }
-            match &mut table.uv {
-                Some(all) if uv.len() == 2 * corners.len() => {
-                    all.extend_from_slice(uv.as_chunks::<2>().0);
-                }
-                _ => table.uv = None,
-            }
-        }
-        table.uv = table.uv.filter(|uv| !uv.is_empty());
-        let scalars = element.properties.iter().filter(|property| property.length.is_none());
-        let scalars = (0..).zip(scalars).map(|(number, property)| Column {
-            property: property.clone(),
-            offset: number * size_of::<f64>(),
-            stored: Scalar::F64,
-        });
-        let columns = Vec::from_iter(scalars);
-        let stride = columns.len() * size_of::<f64>();
-        let rows = Rows { bytes: Cow::Owned(numbers), stride, count, big_endian: false };
-        table.scalars = (!columns.is_empty()).then_some(Table { columns, rows });
-        Ok(table)
-    }
-}
-
-fn read_corners(
-    body: &mut Body<'_>,
-    length: Scalar,
-    scalar: Scalar,
-    corners: &mut Vec<u32>,
-) -> Result<(), PlyError> {
-    for _ in 0..body.length(length)? {
-        let index = body.number(scalar)?;
-        if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
-            return Err(PlyError::Index { at: body.at(), index });
-        }
-        corners.push(index as u32);
-    }
-    Ok(())
 }
 
 /// A normal; none if it could not be told, which is NaN in files.
