@@ -38,6 +38,10 @@ oracles:
 files:
     bash tests/oracles/files/run
 
+# Are printed solids solids for trimesh and PrusaSlicer (Debian: prusa-slicer)? Slices those of examples, and of ../shared/data.
+solids:
+    bash tests/oracles/solids/run
+
 # Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
 law sequences="1000000":
     LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law

@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::pack::{Format, format};
 use crate::parallel::*;
 use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
-use crate::value::{Value, value_type};
+use crate::value::{Mesh, Value, value_type};
 
 pub mod abs;
 pub mod camera;
@@ -165,6 +165,35 @@ fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result<(), TooFar
         Some(index) => Err(TooFar { what, index, place: points[index].coords.into() }),
         None => Ok(()),
     }
+}
+
+/// A mesh is told by steps of no more than this share of its size: less than what is seen or printed.
+const COARSEST: f64 = 1e-4;
+
+/// What is said of places that lie so far from the origin, beside their size, that single precision moves them.
+fn coarse(points: &[Point3<f64>]) -> Option<String> {
+    let known = points.iter().filter(|point| !point.x.is_nan());
+    let none = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+    let (low, high) = known.fold(none, |(low, high), point| (low.inf(point), high.sup(point)));
+    let size = (high - low).norm();
+    let far = low.coords.amax().max(high.coords.amax());
+    let step = far * f64::from(f32::EPSILON);
+    (0.0 < size && COARSEST * size < step).then(|| {
+        format!(
+            "coordinates in such a file are single, and {far:.0} mm from the origin they go by steps of {step:.2} mm, while all is \
+             {size:.0} mm large: move it nearer (`Transform`) before it is written"
+        )
+    })
+}
+
+/// What is said of a mesh that a printer shall make, and that is no closed skin.
+fn open(mesh: &Mesh) -> Option<String> {
+    let open = mesh.edges().faces.iter().filter(|faces| **faces != 2).count();
+    (open > 0).then(|| {
+        format!(
+            "the mesh is not closed: {open} of its edges have not two faces, and a slicer guesses what is inside; `Solid` closes it"
+        )
+    })
 }
 
 /// The first part of some bytes as text, for a message: whatever a hostile file holds, short and on one line.

@@ -115,6 +115,12 @@ pub trait FileFormat {
         }
         Ok(files)
     }
+
+    /// What of the value its files cannot tell, or what their readers will stumble over, in words: a warning for each. If this is left
+    /// out, there is nothing.
+    fn doubts(_value: &Self::Value) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// A file to be written.
@@ -143,6 +149,7 @@ pub struct Format {
     pub ending: &'static str,
     pub(crate) kind: fn() -> &'static ValueType,
     write: Write,
+    doubts: fn(&AnyValue) -> Vec<String>,
 }
 
 impl Format {
@@ -165,6 +172,11 @@ impl Format {
     ) -> Result<Vec<NewFile>, Error> {
         (self.write)(value, name, signature)
     }
+
+    /// What of a value its files cannot tell, or what their readers will stumble over.
+    pub(crate) fn doubts(&self, value: &AnyValue) -> Vec<String> {
+        (self.doubts)(value)
+    }
 }
 
 /// The description of the file format `F` for the engine.
@@ -173,13 +185,18 @@ pub const fn format<F: FileFormat>() -> Format {
         ending: F::ENDING,
         kind: value_type::<F::Value>,
         write: |value, name, signature| {
-            let value = value.get::<F::Value>().unwrap_or_else(|| {
-                panic!("a {value:?} came to a writer of {}", <F::Value as Value>::NAME)
-            });
+            let value = own::<F>(value);
             match signature {
                 Some(signature) => F::write_signed(value, name, signature),
                 None => F::write(value, name),
             }
         },
+        doubts: |value| F::doubts(own::<F>(value)),
     }
+}
+
+fn own<F: FileFormat>(value: &AnyValue) -> &F::Value {
+    value
+        .get()
+        .unwrap_or_else(|| panic!("a {value:?} came to a writer of {}", <F::Value as Value>::NAME))
 }

@@ -4,9 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::catalog::Catalog;
-#[cfg(feature = "cli")]
-use crate::error::Severity;
-use crate::error::{Error, Problem, code};
+use crate::error::{Error, Problem, Severity, code};
 #[cfg(feature = "cli")]
 use crate::eval::Remembered;
 use crate::eval::{
@@ -217,12 +215,12 @@ impl Session {
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
         if !open.is_empty() {
-            let judge = || verdicts.judge(graph, &evaluation, &open);
+            let judge = || verdicts.judge(graph, &evaluation, &open, cancel);
             let violations = self.evaluator.install(judge);
             problems.extend(violations.into_iter().map(|violation| violation.problem));
             self.keep_verdicts(graph, &verdicts);
         }
-        let complete = unwritten.is_empty();
+        let complete = !unwritten.iter().any(|problem| problem.severity == Severity::Error);
         problems.extend(unwritten);
         Ok(Produced { evaluation, written, complete, problems })
     }

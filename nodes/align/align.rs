@@ -79,7 +79,7 @@ impl Node for Align {
 /// How a scan comes onto another one, which is the first of the alignment. Doubts about it are told to `doubt`.
 ///
 /// # Errors
-/// If one has too few points, they do not fit, or the pairs fix no motion.
+/// If one has too few points, they do not fit, or the pairs fix no motion or contradict each other.
 pub fn align(
     scan: &Scan,
     to: &Scan,
@@ -95,9 +95,7 @@ pub fn align(
         By::Nearest { reach, poses } => Start::known(&scans, &clouds, *poses, *reach)?,
         By::Pairs { pairs } => {
             let pairs = Vec::from_iter(pairs.iter().map(|pair| pair.map(Point3::from)));
-            let motion = motion_of_given(&pairs)?;
-            let squares = pairs.iter().map(|[from, onto]| (motion * from - onto).norm_squared());
-            let off = (squares.sum::<f64>() / pairs.len() as f64).sqrt();
+            let (motion, off) = motion_of_given(&pairs)?;
             let [to, scan] = [0, 1].map(|k| clouds[k].sampled(finest(&clouds[k])));
             let fit = fit([&to, &scan], &motion.inverse());
             let told = PairFit {

@@ -75,6 +75,20 @@ pub enum AlignError {
         /// How far they spread along it, as standard deviation in mm.
         along: f64,
     },
+    /// Pairs of which some must be wrong.
+    #[error(
+        "the pairs contradict each other: brought together as well as can be they are {off:.3} mm apart, as mean squares go, where they spread over {spread:.3} mm, and pair {worst} is {most:.3} mm apart. Is it picked at the right place, in the same unit, and is neither scan mirrored?"
+    )]
+    Contradiction {
+        /// The root mean square of their distances, in mm.
+        off: f64,
+        /// The root mean square of their distances from their middle, in mm.
+        spread: f64,
+        /// The pair that is farthest apart, from 1.
+        worst: usize,
+        /// How far, in mm.
+        most: f64,
+    },
     /// A number that means nothing.
     #[error("`{what}` is {value}, but must be {must}")]
     Parameter {

@@ -32,14 +32,20 @@ pub(super) fn motion_of(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
     Isometry3::from_parts((to - turn * from).into(), turn)
 }
 
-/// The motion of pairs that people give.
+/// Pairs are no farther apart than this share of what they spread over: people pick better.
+const MOST_OFF: f64 = 0.1;
+
+/// The motion of pairs that people give, and how far apart they are then, as root mean square in mm.
 ///
 /// # Errors
-/// If there are fewer than three, one is out of the numbers, or they lie on a line.
-pub(super) fn motion_of_given(pairs: &[[Point3<f64>; 2]]) -> Result<Isometry3<f64>, AlignError> {
+/// If there are fewer than three, one is out of the numbers, they lie on a line, or contradict each other.
+pub(super) fn motion_of_given(
+    pairs: &[[Point3<f64>; 2]],
+) -> Result<(Isometry3<f64>, f64), AlignError> {
     if pairs.len() < 3 {
         return Err(AlignError::TooFewPairs { count: pairs.len() });
     }
+    let mut least = f64::INFINITY;
     for side in 0..2 {
         let mean = pairs.iter().map(|pair| pair[side].coords).sum::<nalgebra::Vector3<f64>>()
             / pairs.len() as f64;
@@ -57,11 +63,20 @@ pub(super) fn motion_of_given(pairs: &[[Point3<f64>; 2]]) -> Result<Isometry3<f6
         }
         let mut along = SymmetricEigen::new(spread).eigenvalues;
         along.as_mut_slice().sort_by(f64::total_cmp);
+        least = least.min(spread.trace().sqrt());
         // A millionth of the length.
         if along[1] <= 1e-12 * along[2] {
             let [off, along] = [along[1], along[2]].map(|square| square.max(0.0).sqrt());
             return Err(AlignError::Line { off, along });
         }
     }
-    Ok(motion_of(pairs))
+    let motion = motion_of(pairs);
+    let apart = Vec::from_iter(pairs.iter().map(|[from, onto]| (motion * from - onto).norm()));
+    let off = (apart.iter().map(|off| off * off).sum::<f64>() / pairs.len() as f64).sqrt();
+    if MOST_OFF * least < off {
+        let worst = (0..apart.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b])).unwrap_or(0);
+        let (most, worst) = (apart[worst], worst + 1);
+        return Err(AlignError::Contradiction { off, spread: least, worst, most });
+    }
+    Ok((motion, off))
 }

@@ -171,6 +171,14 @@ fn picked_pairs_fix_a_motion() {
     );
     let line = error(&[[0.0; 3], [10.0; 3], [20.0; 3]]);
     assert!(line.starts_with("the points of the pairs lie on a line"), "{line}");
+    // A mirrored scan, and one in another unit.
+    let picked = [[0.0, 0.0, 40.0], [30.0, 0.0, 10.0], [0.0, 30.0, 10.0], [-20.0, -10.0, 5.0]];
+    for scale in [[-1.0, 1.0, 1.0], [0.001; 3]] {
+        let pair = |at: [f64; 3]| [at, std::array::from_fn(|axis| at[axis] * scale[axis])];
+        let by = By::Pairs { pairs: picked.map(pair).to_vec() };
+        let told = aligned(&scan, &scan, &by).0.unwrap_err().to_string();
+        assert!(told.starts_with("the pairs contradict each other: "), "{told}");
+    }
 }
 
 #[test]

@@ -67,12 +67,22 @@ impl Node for Smooth {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
+        let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+        if MOST_OF_SIZE * size < self.length {
+            cx.warn(format!(
+                "`length` is {} mm, and the mesh {size:.0} mm large: its shape goes, too",
+                self.length
+            ));
+        }
         Ok((smooth(mesh, self.length, self.keep_borders, cx.progress())?,))
     }
 }
 
 /// Bytes for each corner of a face.
 const BYTES: f64 = 150.0;
+
+/// With a length of more than this share of its diagonal a mesh loses its shape: a ball a hundredth of its volume.
+const MOST_OF_SIZE: f64 = 0.3;
 
 /// Times the mean length of edges.
 const OF_EDGES: f64 = 6.0;

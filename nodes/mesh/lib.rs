@@ -11,6 +11,7 @@ mod moved_mesh;
 mod orient;
 mod painted_colors;
 mod poses;
+mod primitive;
 mod read_curve;
 mod read_mesh;
 mod read_points;
@@ -25,6 +26,7 @@ pub use motion::{Motion, TransformError};
 pub use movable::Movable;
 pub use orient::{OneSided, Orient, OrientError, Oriented, Outside, orient};
 pub use poses::Poses;
+pub use primitive::{Primitive, PrimitiveError, Shape, primitive};
 pub use read_curve::{ReadCurve, ReadCurveError, curve_in_millimeters, read_curve};
 pub use read_mesh::{ReadMesh, mesh_in_millimeters, read_mesh};
 pub use read_points::{ReadPoints, in_millimeters};
@@ -43,6 +45,7 @@ pub static PACK: Pack = Pack {
         node::<ReadMesh>(),
         node::<ReadPoints>(),
         node::<ReadCurve>(),
+        node::<Primitive>(),
         node::<Texture>(),
         node::<Transform>(),
         node::<Orient>(),

@@ -61,6 +61,9 @@ impl Node for Merge {
         if stay && 0 < in_capture && in_capture < meshes.len() {
             cx.warn("some meshes have y down, as captures do, and others y up");
         }
+        if !same_picture(&meshes) {
+            cx.warn("not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie");
+        }
         Ok((merge(&meshes, self.poses)?,))
     }
 }
@@ -96,7 +99,7 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
         meshes.iter().map(|mesh| (mesh.size() - picture(mesh)) as f64).sum(),
     )?;
     let applied = nowhere.is_none() && poses != Poses::Ignore;
-    let same_picture = meshes.iter().all(|mesh| mesh.texture() == first.texture());
+    let same_picture = same_picture(meshes);
     let parts: Vec<Mesh> = meshes
         .iter()
         .map(|&mesh| {
@@ -114,6 +117,11 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
         .with_texture(first.texture().filter(|_| same_picture).cloned())
         .with_frame(common_frame(&frames).filter(|_| !applied));
     with_attributes(merged, &parts)
+}
+
+/// Whether all meshes have the same picture, or none has one.
+fn same_picture(meshes: &[&Mesh]) -> bool {
+    meshes.windows(2).all(|pair| pair[0].texture() == pair[1].texture())
 }
 
 fn motion(pose: &Matrix4<f64>) -> Motion {

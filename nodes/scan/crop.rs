@@ -59,8 +59,37 @@ pub fn crop(
     invert: bool,
 ) -> Result<Scan, KeepError> {
     let above = plane.map(|mesh| {
-        let plane = Plane::of_mesh(mesh).ok_or(KeepError::NoPlane)?;
+        let plane = Plane::of_mesh(mesh)?;
         Ok(scan.places().iter().map(|place| plane.height(place) >= 0.0).collect())
     });
     kept(scan, within, above.transpose()?, invert)
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Faces;
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A square with its corner `bent` above its plane, and its two faces looking to the same side, or back to back.
+    fn square(bent: f64, back: bool) -> Mesh {
+        let places = [[0., 0., 0.], [1., 0., 0.], [1., 1., bent], [0., 1., 0.]].map(Point3::from);
+        let other = if back { [0, 2, 1] } else { [0, 2, 3] };
+        Mesh::new(places.to_vec(), Faces::triangles(vec![[0, 1, 2], other])).unwrap()
+    }
+
+    #[test]
+    fn what_is_no_plane_is_refused() {
+        let scan = Scan::Mesh(square(0.0, false));
+        let told = |plane: &Mesh| crop(&scan, None, Some(plane), false).map(|it| it.count());
+        assert_eq!(told(&square(0.0, false)), Ok(2));
+        assert!(told(&square(0.05, false)).is_ok());
+        assert_eq!(told(&square(0.0, true)), Err(KeepError::NoPlane));
+        let bent = told(&square(1.0, false)).unwrap_err().to_string();
+        assert!(
+            bent.starts_with("the mesh at the port `plane` is not flat: its corners are 0."),
+            "{bent}"
+        );
+    }
 }

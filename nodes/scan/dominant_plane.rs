@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette::random::Random;
 use maquette::value::{Faces, Mesh};
 use maquette::{Carry, Context, Error, Fate, In, Node};
 use nalgebra::Point3;
@@ -13,7 +14,7 @@ use super::hull::Hull;
 use super::plane::Plane;
 use super::scan::{Scan, is_there};
 
-/// Finds the plane with the most points, such as a table or a wall, and what stands on it.
+/// Finds the plane with the most points, or of a mesh with the most area, such as a table or a wall, and what stands on it.
 ///
 /// Its upper side is the one that the sensor saw; of points and of meshes that no capture gave, the one that has more above it. What stands
 /// on it is what lies above it by more than `distance`, up to `height`, and not beside it: straight over the convex hull of the largest part
@@ -29,7 +30,7 @@ pub struct DominantPlane {
     #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
     #[serde(default = "five")]
     pub distance: f64,
-    /// Which plane: 1 is the one with the most points, 2 the one with the most of the others.
+    /// Which plane: 1 is the one with the most points (of a mesh: with the most area), 2 the one with the most of the others.
     #[schemars(range(min = 1, max = 8))]
     #[serde(default = "one")]
     pub rank: u32,
@@ -80,14 +81,12 @@ impl Node for DominantPlane {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scan = cx.get(&self.mesh);
         let found = dominant_plane(&scan, self.distance, self.rank)?;
-        let share = found.on.iter().filter(|on| **on).count() as f64
-            / scan.places().iter().filter(|place| is_there(place)).count() as f64;
-        if share < 0.05 {
-            cx.warn(format!(
-                "only {:.1} % of the {} lie on the plane",
-                100.0 * share,
-                scan.elements()
-            ));
+        if found.share < 0.05 {
+            let what = match &scan {
+                Scan::Mesh(_) => "area lies",
+                other => &format!("{} lie", other.elements()),
+            };
+            cx.warn(format!("only {:.1} % of the {what} on the plane", 100.0 * found.share));
         }
         let above = scan.only(&found.above(&scan, self.distance, self.height, self.inset));
         if above.count() == 0 {
@@ -101,8 +100,8 @@ impl Node for DominantPlane {
 pub struct Found {
     /// The plane, its upper side towards the sensor.
     pub plane: Plane,
-    /// Whether each place of the scan is on it.
-    pub on: Vec<bool>,
+    /// Which part of the points, or of a mesh's area, is on it, from 0 to 1.
+    pub share: f64,
     /// The largest part of it that hangs together, in its own axes.
     hull: Hull,
 }
@@ -111,32 +110,77 @@ pub struct Found {
 const TRIES: usize = 2000;
 /// By so many points they are judged.
 const JUDGES: usize = 4000;
+/// At least so many points stand for the area of a mesh.
+const SPREAD: usize = 20_000;
 
 /// The plane of this rank in a scan, by points up to `distance` mm off it.
 ///
 /// # Errors
 /// There is none.
 pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<Found, DominantPlaneError> {
-    let places = scan.places();
-    let mut left = Vec::from_iter((0..places.len()).filter(|&place| is_there(&places[place])));
+    let points = points_of(scan);
+    let mut left = points.clone();
     let mut found = None;
     for rank in 1..=rank {
         if let Some(plane) = found {
-            left.retain(|&place| !is_on(&plane, &places[place], distance));
+            left.retain(|point| !is_on(&plane, point, distance));
         }
-        let points = Vec::from_iter(left.iter().map(|&place| places[place]));
-        let none = DominantPlaneError::None { rank, points: points.len() };
-        found = Some(best(&points, distance).ok_or(none)?);
+        let none = DominantPlaneError::None { rank, points: left.len() };
+        found = Some(best(&left, distance).ok_or(none)?);
     }
     let mut plane = found.expect("there is a first rank");
-    if is_upside_down(&plane, scan, distance) {
+    if is_upside_down(&plane, scan, &points, distance) {
         plane = plane.turned();
     }
-    let mut on = vec![false; places.len()];
-    left.iter().for_each(|&place| on[place] = is_on(&plane, &places[place], distance));
-    let flat = places.iter().zip(&on).filter(|(_, on)| **on).map(|(place, _)| flat(&plane, place));
-    let hull = Hull::of(largest_part(&Vec::from_iter(flat), distance));
-    Ok(Found { plane, on, hull })
+    let on = left.iter().filter(|point| is_on(&plane, point, distance));
+    let on = Vec::from_iter(on.map(|point| flat(&plane, point)));
+    let part = Part::largest(&on, distance);
+    let places = scan.places().iter().filter(|place| is_on(&plane, place, distance));
+    // Points inside of large faces do not reach to their rim.
+    let rim = places.map(|place| flat(&plane, place));
+    let hull = on.iter().copied().chain(rim).filter(|at| part.contains(at)).collect();
+    let share = on.len() as f64 / points.len() as f64;
+    Ok(Found { plane, share, hull: Hull::of(hull) })
+}
+
+/// The points of a scan; of a mesh with faces, points that are spread evenly over its area.
+fn points_of(scan: &Scan) -> Vec<Point3<f64>> {
+    let Scan::Mesh(mesh) = scan else { return there(scan) };
+    // Faces as triangles, with the area up to the end of each.
+    let mut total = 0.0;
+    let triangles = mesh.faces().iter().flat_map(|face| {
+        (2..face.len())
+            .map(|k| [face[0], face[k - 1], face[k]].map(|v| mesh.positions()[v as usize]))
+    });
+    let triangles = triangles.map(|[a, b, c]| {
+        total += 0.5 * (b - a).cross(&(c - a)).norm();
+        (total, [a, b, c])
+    });
+    let triangles = Vec::from_iter(triangles);
+    if total <= 0.0 || !total.is_finite() {
+        return there(scan);
+    }
+    let count = SPREAD.max(mesh.positions().len());
+    let mut random = Random(2);
+    let mut at = 0;
+    let point = |k: usize| {
+        let area = total * (k as f64 + 0.5) / count as f64;
+        while triangles[at].0 < area && at + 1 < triangles.len() {
+            at += 1;
+        }
+        let (_, [a, b, c]) = triangles[at];
+        let [mut u, mut v] = [(); 2].map(|()| random.even());
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        a + u * (b - a) + v * (c - a)
+    };
+    (0..count).map(point).collect()
+}
+
+/// The places of a scan that are somewhere.
+fn there(scan: &Scan) -> Vec<Point3<f64>> {
+    scan.places().iter().filter(|place| is_there(place)).copied().collect()
 }
 
 fn is_on(plane: &Plane, place: &Point3<f64>, distance: f64) -> bool {
@@ -149,11 +193,11 @@ fn flat(plane: &Plane, place: &Point3<f64>) -> [f64; 2] {
 }
 
 /// Whether its upper side is turned away from the sensor, or from most of what is not on it.
-fn is_upside_down(plane: &Plane, scan: &Scan, distance: f64) -> bool {
+fn is_upside_down(plane: &Plane, scan: &Scan, points: &[Point3<f64>], distance: f64) -> bool {
     if scan.is_seen_from_origin() {
         return plane.height(&Point3::origin()) < 0.0;
     }
-    let heights = scan.places().iter().map(|place| plane.height(place));
+    let heights = points.iter().map(|point| plane.height(point));
     let (above, below) = heights.fold((0, 0), |(above, below), height| {
         (above + usize::from(height > distance), below + usize::from(height < -distance))
     });
@@ -164,11 +208,13 @@ fn is_upside_down(plane: &Plane, scan: &Scan, distance: f64) -> bool {
 fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     let step = points.len().div_ceil(JUDGES).max(1);
     let judges = Vec::from_iter(points.iter().step_by(step));
+    if points.is_empty() {
+        return None;
+    }
     let mut random = Random(1);
     let tried = (0..TRIES).filter_map(|_| {
-        let [a, b, c] = [(); 3].map(|()| points.get(random.below(points.len())));
-        let (a, b, c) = (a?, b?, c?);
-        let plane = Plane::through(*a, (b - a).cross(&(c - a)))?;
+        let [a, b, c] = [(); 3].map(|()| points[random.below(points.len())]);
+        let plane = Plane::through(a, (b - a).cross(&(c - a)))?;
         let miss = |point: &&Point3<f64>| {
             let height = plane.height(point) / distance;
             f64::min(height * height, 1.0)
@@ -184,52 +230,58 @@ fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     Some(plane)
 }
 
-/// Numbers that look random and are the same each time: Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
-struct Random(u64);
+/// The part of a plane on which the most points hang together, as squares.
+struct Part {
+    corner: [f64; 2],
+    side: f64,
+    squares: BTreeSet<[i64; 2]>,
+}
 
-impl Random {
-    /// A number below `count`; 0 if that is 0.
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((u128::from(mixed ^ (mixed >> 31)) * count as u128) >> 64) as usize
+impl Part {
+    /// By squares that are a hundredth as long as all points, but no less than four times as long as `distance`.
+    fn largest(points: &[[f64; 2]], distance: f64) -> Self {
+        let ends = |axis: usize| {
+            let along = points.iter().map(|point| point[axis]);
+            along.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| {
+                (least.min(x), most.max(x))
+            })
+        };
+        let [(left, right), (bottom, top)] = [ends(0), ends(1)];
+        let side = f64::max(4.0 * distance, 0.01 * f64::max(right - left, top - bottom));
+        let mut part = Self { corner: [left, bottom], side, squares: BTreeSet::new() };
+        let mut counts: BTreeMap<[i64; 2], usize> = BTreeMap::new();
+        for point in points {
+            *counts.entry(part.square(point)).or_default() += 1;
+        }
+        let (mut seen, mut most) = (BTreeSet::new(), 0);
+        for &first in counts.keys() {
+            let (mut squares, mut open, mut count) = (BTreeSet::new(), vec![first], 0);
+            while let Some(at) = open.pop() {
+                let Some(points) = counts.get(&at).filter(|_| seen.insert(at)) else { continue };
+                count += points;
+                squares.insert(at);
+                open.extend(around(at));
+            }
+            if count > most {
+                (most, part.squares) = (count, squares);
+            }
+        }
+        part
+    }
+
+    fn square(&self, at: &[f64; 2]) -> [i64; 2] {
+        [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
+    }
+
+    /// Whether a point hangs together with it.
+    fn contains(&self, at: &[f64; 2]) -> bool {
+        around(self.square(at)).any(|square| self.squares.contains(&square))
     }
 }
 
-/// Those points of a plane that hang together with the most others, by squares that are a hundredth as long as all, but no less than four
-/// times as long as `distance`.
-fn largest_part(points: &[[f64; 2]], distance: f64) -> Vec<[f64; 2]> {
-    let ends = |axis: usize| {
-        let along = points.iter().map(|point| point[axis]);
-        along.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| {
-            (least.min(x), most.max(x))
-        })
-    };
-    let [(left, right), (bottom, top)] = [ends(0), ends(1)];
-    let side = f64::max(4.0 * distance, 0.01 * f64::max(right - left, top - bottom));
-    let square =
-        |point: &[f64; 2]| [((point[0] - left) / side) as i64, ((point[1] - bottom) / side) as i64];
-    let mut squares: BTreeMap<[i64; 2], usize> = BTreeMap::new();
-    for point in points {
-        *squares.entry(square(point)).or_default() += 1;
-    }
-    let mut seen = BTreeSet::new();
-    let mut largest = (0, BTreeSet::new());
-    for &first in squares.keys() {
-        let (mut part, mut open, mut count) = (BTreeSet::new(), vec![first], 0);
-        while let Some(at) = open.pop() {
-            let Some(points) = squares.get(&at).filter(|_| seen.insert(at)) else { continue };
-            count += points;
-            part.insert(at);
-            open.extend((0..9).map(|k| [at[0] + k % 3 - 1, at[1] + k / 3 - 1]));
-        }
-        if count > largest.0 {
-            largest = (count, part);
-        }
-    }
-    points.iter().filter(|point| largest.1.contains(&square(point))).copied().collect()
+/// A square and those that touch it.
+fn around([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
+    (0..9).map(move |k| [x + k % 3 - 1, y + k / 3 - 1])
 }
 
 impl Found {
@@ -262,6 +314,7 @@ impl Found {
 #[cfg(test)]
 mod tests {
     use maquette::value::Points;
+    use nalgebra::Vector3;
 
     use super::*;
 
@@ -301,6 +354,56 @@ mod tests {
         let others = [normal(2), normal(3), normal(4)];
         assert_eq!(others.iter().filter(|normal| normal.x.abs() > 0.99).count(), 1);
         assert_eq!(others.iter().filter(|normal| normal.z.abs() > 0.99).count(), 2);
+    }
+
+    /// A triangle mesh of a square of this size, its lowest corner here, with so many steps along each side.
+    fn sheet(size: f64, corner: [f64; 3], steps: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+        let side = steps + 1;
+        let at = |k: u32| {
+            let [x, y] = [k % side, k / side].map(|k| size * f64::from(k) / f64::from(steps));
+            Point3::from(corner) + Vector3::new(x, y, 0.0)
+        };
+        let halves = |k: u32| {
+            let first = k % steps + side * (k / steps);
+            let [a, b, c, d] = [first, first + 1, first + side + 1, first + side];
+            [[a, b, c], [a, c, d]]
+        };
+        ((0..side * side).map(at).collect(), (0..steps * steps).flat_map(halves).collect())
+    }
+
+    fn mesh(parts: &[(Vec<Point3<f64>>, Vec<[u32; 3]>)]) -> Scan {
+        let (mut places, mut faces) = (Vec::new(), Vec::new());
+        for (own, corners) in parts {
+            let before = places.len() as u32;
+            places.extend_from_slice(own);
+            faces.extend(corners.iter().map(|face| face.map(|vertex| vertex + before)));
+        }
+        Scan::Mesh(Mesh::new(places, Faces::triangles(faces)).unwrap())
+    }
+
+    #[test]
+    fn a_table_of_two_triangles_counts_by_its_area() {
+        let scan = mesh(&[sheet(400.0, [0.0; 3], 1), sheet(40.0, [1.0, 1.0, 30.0], 50)]);
+        let found = dominant_plane(&scan, 1.0, 1).unwrap();
+        assert!(found.plane.offset.abs() < 1e-6 && found.plane.normal.z > 0.99);
+        assert!(found.share > 0.98, "{}", found.share);
+        // Straight above the whole of it, nearly to its rim.
+        let above = found.above(&scan, 1.0, 100.0, 0.0);
+        assert_eq!(above.iter().filter(|above| **above).count(), 51 * 51);
+        let board = found.mesh(&scan);
+        assert!((board.area_vector(board.faces().face(0)).z - 160_000.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn a_plane_through_edges_of_a_box_has_no_area() {
+        let at = |k: u32| Point3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2));
+        let faces =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
+        let scan = Scan::Mesh(Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap());
+        let found = dominant_plane(&scan, 0.001, 1).unwrap();
+        assert!(found.plane.normal.iter().any(|x| x.abs() > 1.0 - 1e-9), "{:?}", found.plane);
+        assert!((found.share - 1.0 / 6.0).abs() < 0.01);
     }
 
     #[test]

@@ -29,6 +29,16 @@ pub enum KeepError {
     /// A plane mesh without area.
     #[error("the mesh at the port `plane` has no area, and so lies on no plane")]
     NoPlane,
+    /// A plane mesh that is bent.
+    #[error(
+        "the mesh at the port `plane` is not flat: its corners are {off:.3} mm off their plane, as mean squares go, and {size:.3} mm from their middle; connect one that is, such as `plane` of `DominantPlane`"
+    )]
+    NotFlat {
+        /// How far its corners are off, as root mean square in mm.
+        off: f64,
+        /// How far they are from their middle, as root mean square in mm.
+        size: f64,
+    },
     /// There is no such attribute.
     #[error(
         "there is no attribute `{name}` with a number on each of its {elements}; there {known}"

@@ -3,6 +3,11 @@
 use maquette::value::Mesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, Vector3};
 
+use super::keep_error::KeepError;
+
+/// A flat mesh is off its plane by no more than this share of its size.
+const MOST_BENT: f64 = 0.1;
+
 /// A plane with an upper side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -32,13 +37,27 @@ impl Plane {
     }
 
     /// The plane on which a flat mesh lies, its upper side where the faces look: through the middle of the corners, by the sum of the
-    /// faces' area vectors. None if they have no area together.
-    pub fn of_mesh(mesh: &Mesh) -> Option<Self> {
+    /// faces' area vectors.
+    ///
+    /// # Errors
+    /// If the faces have no area together, or the mesh is not flat.
+    pub fn of_mesh(mesh: &Mesh) -> Result<Self, KeepError> {
         let normal = mesh.faces().iter().map(|face| mesh.area_vector(face)).sum();
         let corners = mesh.faces().corners();
-        let at = |&vertex: &u32| mesh.positions()[vertex as usize].coords;
-        let middle = corners.iter().map(at).sum::<Vector3<f64>>() / corners.len().max(1) as f64;
-        Self::through(middle.into(), normal)
+        let count = corners.len().max(1) as f64;
+        let at = |&vertex: &u32| mesh.positions()[vertex as usize];
+        let middle = corners.iter().map(|it| at(it).coords).sum::<Vector3<f64>>() / count;
+        let middle = Point3::from(middle);
+        let plane = Self::through(middle, normal).ok_or(KeepError::NoPlane)?;
+        let mean = |square: &dyn Fn(Point3<f64>) -> f64| {
+            (corners.iter().map(|it| square(at(it))).sum::<f64>() / count).sqrt()
+        };
+        let off = mean(&|at| plane.height(&at) * plane.height(&at));
+        let size = mean(&|at| (at - middle).norm_squared());
+        if MOST_BENT * size < off {
+            return Err(KeepError::NotFlat { off, size });
+        }
+        Ok(plane)
     }
 
     /// The plane that is nearest to some points by the squares of their distances: through their mean, across the axis along which they

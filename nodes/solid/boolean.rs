@@ -58,10 +58,26 @@ impl Node for Boolean {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let others = Vec::from_iter(self.with.iter().map(|mesh| cx.get(mesh)));
-        let made = boolean(cx.get(&self.mesh), &others, self.operation, cx.progress())?;
+        let mesh = cx.get(&self.mesh);
+        doubt(&[&[mesh], &others[..]].concat()).into_iter().for_each(|doubt| cx.warn(doubt));
+        let made = boolean(mesh, &others, self.operation, cx.progress())?;
         if made.faces().is_empty() {
             cx.warn("nothing is left: the mesh is empty");
         }
         Ok((made,))
     }
+}
+
+/// What is not seen of what lies on solids once they are one.
+fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
+    let pictures = Vec::from_iter(solids.iter().filter_map(|solid| solid.texture()));
+    let is_painted = |solid: &&Mesh| solid.vertex().colors("color").is_some();
+    if pictures.windows(2).any(|pair| pair[0] != pair[1]) {
+        return Some(
+            "the solids have different pictures, which become colors of the vertices, as fine as these lie",
+        );
+    }
+    let hides = !pictures.is_empty()
+        && solids.iter().any(|solid| solid.texture().is_none() && is_painted(solid));
+    hides.then_some("the picture of one solid is seen on all, and not the vertex colors of others: `TextureToColors` makes colors of it, or `ColorsToTexture` a picture of them")
 }

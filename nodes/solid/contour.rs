@@ -23,6 +23,8 @@ pub(crate) struct Contour {
     /// A vertex is no nearer to a node than this share of an edge, so that triangles have a size.
     nearest: f64,
     pub(crate) points: Vec<Point3<f64>>,
+    /// The end of each point's edge where it is deep, and how deep that is.
+    pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
     /// They look to where it is deep.
     pub(crate) triangles: Vec<[u32; 3]>,
     numbers: HashMap<[[usize; 3]; 2], u32>,
@@ -31,8 +33,8 @@ pub(crate) struct Contour {
 impl Contour {
     /// Nothing yet. A vertex will be no nearer to a node than this share of an edge, so that triangles have a size.
     pub(crate) fn new(nearest: f64) -> Self {
-        let (points, triangles) = (Vec::new(), Vec::new());
-        Self { nearest, points, triangles, numbers: HashMap::new() }
+        let (points, deep_ends, triangles) = (Vec::new(), Vec::new(), Vec::new());
+        Self { nearest, points, deep_ends, triangles, numbers: HashMap::new() }
     }
 
     /// Adds what runs through the cell whose lowest corner is the node `at`, where `place` tells where nodes are. Its corners are so deep, and deep if above 0;
@@ -59,8 +61,9 @@ impl Contour {
                 *self.numbers.entry(ends.map(node)).or_insert_with(|| {
                     let [from, to] = ends.map(|end| depths[end]);
                     let share = (from / (from - to)).clamp(self.nearest, 1.0 - self.nearest);
-                    let [from, to] = ends.map(|end| place(node(end)));
-                    self.points.push(from + (to - from) * share);
+                    let [first, last] = ends.map(|end| place(node(end)));
+                    self.points.push(first + (last - first) * share);
+                    self.deep_ends.push(if 0.0 < from { (first, from) } else { (last, to) });
                     self.points.len() as u32 - 1
                 })
             };

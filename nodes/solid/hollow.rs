@@ -21,18 +21,19 @@ use crate::volume::volume;
 use depth::Depth;
 
 mod depth;
+mod walls;
 
 /// Makes a solid hollow: inside of it, as far from its skin as the wall is thick, there is a cavity.
 ///
 /// The skin stays as it is. The skin of the cavity is made on a grid, so that it nowhere runs through itself, and where the solid is
-/// too thin there is none; where it is just thick enough, thin sheets may part two cavities. What lies on the skin lies on the nearest
-/// place of the cavity, too. A cavity that nothing
-/// leads out of keeps its resin or powder: `outlets` are drilled through the wall.
+/// too thin there is none; where it is just thick enough, thin sheets may part two cavities. What would be smaller than a cube half as wide as
+/// the wall is thick stays filled. What lies on the skin lies on the nearest place of the cavity, too. A cavity that nothing leads out of keeps its
+/// resin or powder: `outlets` are drilled through the wall.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.
     pub mesh: In<Mesh>,
-    /// How thick the wall is at least.
+    /// How thick the wall is: nowhere thinner, but for up to a thirtieth in tight places.
     #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
     #[serde(default = "two")]
     pub thickness: f64,
@@ -159,6 +160,11 @@ impl Node for Hollow {
         let mesh = cx.get(&self.mesh);
         let how = (self.thickness, self.spacing);
         let hollow = hollow(mesh, how, &self.outlets, cx.progress())?;
+        let closed = parts(&hollow).saturating_sub(parts(mesh));
+        if !self.outlets.is_empty() && closed > 0 {
+            let cavities = if closed == 1 { "cavity has" } else { "cavities have" };
+            cx.warn(format!("{closed} {cavities} no outlet: resin or powder stays there"));
+        }
         if hollow.faces().len() == mesh.faces().len() {
             cx.warn(format!("the solid stays whole: nowhere is it thick enough for a cavity behind walls of {} mm", self.thickness));
         }
@@ -212,11 +218,15 @@ pub fn hollow(
     let depth = progress.part(0.1..0.8, |progress| {
         Depth::new((mesh, &tree), low, (counts, spacing), thickness, progress)
     })?;
-    let Contour { points, triangles, .. } = depth.contour(thickness, progress)?;
-    if triangles.is_empty() {
+    let mut contour = depth.contour(thickness, progress)?;
+    walls::keep_walls(&mut contour, &tree, thickness, progress)?;
+    walls::leave_out_bubbles(&mut contour, most * most * most);
+    if contour.triangles.is_empty() {
         return Ok(mesh.clone());
     }
-    let cavity = Mesh::new(points, Faces::triangles(triangles))?;
+    let Contour { points, triangles, .. } = contour;
+    let faces = Vec::from_iter(0..triangles.len() as u32);
+    let cavity = Mesh::new(points, Faces::triangles(triangles))?.select(&faces);
     let cavity = lend(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
     let hollow = merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?;
     if outlets.is_empty() {

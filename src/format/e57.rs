@@ -9,7 +9,7 @@ use e57::{
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use thiserror::Error;
 
-use super::most_memory;
+use super::{finite, most_memory};
 use crate::error;
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Points, PointsError, Rgb};
@@ -104,11 +104,16 @@ const DESCRIPTION: std::ops::Range<usize> = 32..40;
 /// The valid points of all scans in an E57 file, each scan moved by its pose.
 ///
 /// If a scan has colors, they are the attribute `color`, black where there is none; if one has intensities, `intensity`, in the file's own
-/// measure and 0 where there is none.
+/// measure and 0 where there is none. Points at places that are NaN or infinite are left out.
 ///
 /// # Errors
 /// If the bytes are not an E57 file, a checksum is wrong, or the points are more than it can hold.
 pub fn read(bytes: &[u8]) -> Result<Points, E57Error> {
+    Ok(read_finite(bytes)?.0)
+}
+
+/// The same, and how many points that should be valid are NaN or infinite.
+fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
     // The crate reserves these before it reads them.
     if let Some(length) = bytes.get(DESCRIPTION).and_then(<[u8]>::first_chunk) {
         let expected = u64::from_le_bytes(*length);
@@ -124,6 +129,7 @@ pub fn read(bytes: &[u8]) -> Result<Points, E57Error> {
     let mut places = Vec::new();
     let mut colors: Vec<Rgb> = Vec::new();
     let mut intensities = Vec::new();
+    let mut left_out = 0;
     for (index, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
         let pose = pose(index, scan.transform.clone().unwrap_or_default())?;
         let mut points = file.pointcloud_simple(scan)?;
@@ -139,9 +145,11 @@ pub fn read(bytes: &[u8]) -> Result<Points, E57Error> {
                 Err(e57::Error::Internal { .. }) => continue,
                 Err(error) => return Err(error.into()),
             };
-            let Some(at) = place(&point).filter(|at| at.iter().all(|x| x.is_finite())) else {
+            let Some(at) = place(&point) else { continue };
+            if !at.iter().all(|x| x.is_finite()) {
+                left_out += 1;
                 continue;
-            };
+            }
             places.push(pose * at);
             if has_colors {
                 let byte = |channel: f32| (channel * 255.0).round() as u8;
@@ -163,7 +171,7 @@ pub fn read(bytes: &[u8]) -> Result<Points, E57Error> {
     if has_intensities {
         points = points.with_attribute("intensity", Attribute::Number(intensities.into()))?;
     }
-    Ok(points)
+    Ok((points, left_out))
 }
 
 /// Checks that the file can hold the points that it promises, and memory, too: the crate takes counts as they are.
@@ -235,7 +243,9 @@ impl FileReader for PointsE57 {
     const ENDINGS: &'static [&'static str] = &["e57"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        Ok(read(file.bytes())?)
+        let (points, left_out) = read_finite(file.bytes())?;
+        finite::tell(file, left_out, "point");
+        Ok(points)
     }
 }
 

@@ -8,10 +8,10 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::check_single;
 use super::corners::{Split, split};
 use super::png;
 use super::rows::{fill, floats, indices};
+use super::{check_single, coarse};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
@@ -56,6 +56,10 @@ impl FileFormat for MeshGlb {
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(mesh)?))
+    }
+
+    fn doubts(mesh: &Mesh) -> Vec<String> {
+        coarse(mesh.positions()).into_iter().collect()
     }
 }
 

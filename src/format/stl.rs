@@ -8,7 +8,7 @@ use thiserror::Error;
 use super::corners::FaceList;
 use super::rows::floats;
 use super::upright::upright;
-use super::{TooFar, check_single, excerpt, parse, words};
+use super::{TooFar, check_single, coarse, excerpt, finite, open, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
@@ -79,11 +79,16 @@ pub enum StlError {
 
 /// The mesh in an STL file, text or binary. Corners at the same place, bit by bit, are one vertex, in the order in which the
 /// file first has them. Triangles with two equal corners are left out, and normals are not read: the corners' order says where
-/// the outside is.
+/// the outside is. Triangles with a corner that is NaN or infinite are left out, too.
 ///
 /// # Errors
-/// If the bytes are not an STL file, or a corner is not at a finite place.
+/// If the bytes are not an STL file.
 pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
+    Ok(read_finite(bytes)?.0)
+}
+
+/// The same, and how many triangles have a corner that is NaN or infinite.
+fn read_finite(bytes: &[u8]) -> Result<(Mesh, usize), StlError> {
     let mut corners = Corners::default();
     let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
     let promised = promised.map(|count| u32::from_le_bytes(*count) as usize);
@@ -103,7 +108,7 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
         return Err(StlError::NotStl { bytes: bytes.len() });
     }
     let (faces, _) = corners.faces.finish()?;
-    Ok(Mesh::new(corners.positions, faces)?)
+    Ok((Mesh::new(corners.positions, faces)?, corners.left_out))
 }
 
 /// Bytes of a triangle: a normal and three corners of floats, and two bytes of anything.
@@ -115,10 +120,16 @@ struct Corners {
     positions: Vec<Point3<f64>>,
     vertices: HashMap<[u64; 3], u32>,
     faces: FaceList,
+    /// Triangles with a corner nowhere.
+    left_out: usize,
 }
 
 impl Corners {
     fn push(&mut self, corners: [[f64; 3]; 3]) {
+        if !corners.as_flattened().iter().all(|x| x.is_finite()) {
+            self.left_out += 1;
+            return;
+        }
         let face = corners.map(|place| {
             *self.vertices.entry(place.map(f64::to_bits)).or_insert_with(|| {
                 self.positions.push(place.into());
@@ -186,6 +197,10 @@ impl FileFormat for MeshStl {
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
     }
+
+    fn doubts(mesh: &Mesh) -> Vec<String> {
+        coarse(mesh.positions()).into_iter().chain(open(mesh)).collect()
+    }
 }
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
@@ -216,7 +231,9 @@ impl FileReader for MeshStl {
     const ENDINGS: &'static [&'static str] = &["stl"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
-        Ok(read(file.bytes())?)
+        let (mesh, left_out) = read_finite(file.bytes())?;
+        finite::tell(file, left_out, "face");
+        Ok(mesh)
     }
 }
 
@@ -274,6 +291,16 @@ mod tests {
         assert_eq!(mesh.faces().len(), 1);
     }
 
+    #[test]
+    fn a_triangle_with_a_corner_nowhere_is_left_out_and_told() {
+        for nowhere in ["nan", "inf"] {
+            let text = TEXT.replacen("vertex 1 0 0", &format!("vertex 1 0 {nowhere}"), 1);
+            let file = Reading::alone("a.stl", text.as_bytes());
+            assert_eq!(MeshStl::read(&file).unwrap().faces().len(), 1);
+            assert_eq!(file.doubts(), ["1 face is left out: a coordinate is NaN or infinite"]);
+        }
+    }
+
     fn error(from: &str, to: &str) -> String {
         assert!(TEXT.contains(from));
         read(TEXT.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
@@ -295,7 +322,6 @@ mod tests {
             error("vertex 1 0 0", "vertex 1 0 0 0"),
             "line 5: a vertex has three numbers, not `vertex 1 0 0 0`"
         );
-        assert_eq!(error("vertex 1 0 0", "vertex 1 0 nan"), "vertex 1 is not at a finite place");
         assert_eq!(
             error("vertex 1 0 0", "vortex"),
             "line 5: `vortex`, where there must be `vertex`"

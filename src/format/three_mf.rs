@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::upright::upright;
-use super::{check_single, png, zip};
+use super::{check_single, coarse, open, png, zip};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Mesh, Rgb};
@@ -32,6 +32,10 @@ impl FileFormat for MeshThreeMf {
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+    }
+
+    fn doubts(mesh: &Mesh) -> Vec<String> {
+        coarse(mesh.positions()).into_iter().chain(open(mesh)).collect()
     }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::finite::{self, Finite};
-use super::{check_single, excerpt, parse, words};
+use super::{check_single, coarse, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
@@ -126,7 +126,7 @@ impl FileFormat for PointsXyz {
             let normal = normals.filter(|_| colors.is_none()).map(|normals| normals[index]);
             (*point, colors.map(|colors| colors[index]), normal)
         });
-        Ok(NewFile::only(name, encode(lines)))
+        Ok(NewFile::only(name, encode(points.positions(), lines)))
     }
 }
 
@@ -142,16 +142,23 @@ impl FileFormat for RangeXyz {
         let lines = (0..range.points().len()).filter_map(|cell| {
             Some((range.point(cell)?, range.colors().map(|colors| colors[cell]), None))
         });
-        Ok(NewFile::only(name, encode(lines)))
+        Ok(NewFile::only(name, encode(range.points(), lines)))
     }
 }
 
-fn encode(lines: impl Iterator<Item = (Point3<f64>, Option<Rgb>, Option<[f64; 3]>)>) -> Vec<u8> {
+fn encode(
+    all: &[Point3<f64>],
+    lines: impl Iterator<Item = (Point3<f64>, Option<Rgb>, Option<[f64; 3]>)>,
+) -> Vec<u8> {
     let mut text = String::new();
+    let is_far = coarse(all).is_some();
     for (point, color, normal) in lines {
-        // Single precision, like all files of points; the shortest text that reads as the same.
-        let [x, y, z] = [point.x, point.y, point.z].map(|x| x as f32);
-        text.push_str(&format!("{x} {y} {z}"));
+        // Single precision, like all files of points, unless that would move them; the shortest text that reads as the same.
+        let [x, y, z] = [point.x, point.y, point.z];
+        match is_far {
+            true => text.push_str(&format!("{x} {y} {z}")),
+            false => text.push_str(&format!("{} {} {}", x as f32, y as f32, z as f32)),
+        }
         if let Some([red, green, blue]) = color {
             text.push_str(&format!(" {red} {green} {blue}"));
         }
@@ -199,6 +206,15 @@ mod tests {
         assert_eq!(points.attributes().vectors("normal").unwrap()[..], normals);
         let written = PointsXyz::write(&points, "a.xyz").unwrap().remove(0).bytes;
         assert_eq!(read(&written).unwrap(), points);
+    }
+
+    #[test]
+    fn places_of_a_survey_keep_their_digits() {
+        let places =
+            vec![Point3::new(503_123_456.75, 4.5, 0.125), Point3::new(503_123_460.5, 0.0, 1.0)];
+        let points = Points::new(places.clone()).unwrap();
+        let bytes = PointsXyz::write(&points, "a.xyz").unwrap().remove(0).bytes;
+        assert_eq!(read(&bytes).unwrap().positions().to_vec(), places);
     }
 
     #[test]

@@ -74,6 +74,8 @@ struct Known {
     made_of: Hash,
     /// Each as it was left; none if somebody changed it while it was written.
     files: Vec<(Written, Option<Left>)>,
+    /// What they cannot tell of the value, in words.
+    doubts: Vec<String>,
 }
 
 /// A file as it was when it was last known to be right.
@@ -209,7 +211,7 @@ impl OutputFolder {
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
-    /// written is a problem; the file that was there before stays. Stops early if cancelled.
+    /// written is a problem; the file that was there before stays. What files cannot tell is a warning. Stops early if cancelled.
     pub(super) fn write(
         &self,
         outputs: &[&GraphOutput],
@@ -235,13 +237,28 @@ impl OutputFolder {
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems) = (Vec::new(), Vec::new());
-        for result in results {
+        for (output, result) in outputs.iter().zip(results) {
             match result {
-                Ok(written) => files.extend(written),
+                Ok(written) => {
+                    problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
+                    files.extend(written);
+                }
                 Err(problem) => problems.push(*problem),
             }
         }
         (files, problems)
+    }
+
+    /// What the files of an output, which are right now, cannot tell of its value.
+    fn doubts(&self, output: &GraphOutput) -> Vec<Problem> {
+        let known = self.lock();
+        let doubts = known.get(&output.name).map_or(&[][..], |known| &known.doubts);
+        let warning = |doubt: &String| {
+            let place = (output.source.clone(), output.span);
+            let message = format!("`{}`: {doubt}", output.name);
+            Problem::new(Severity::Warning, code::WARNING, place, message)
+        };
+        doubts.iter().map(warning).collect()
     }
 
     fn output(
@@ -299,14 +316,17 @@ impl OutputFolder {
             written.push((Written { seconds, ..file }, left));
         }
         let files = written.iter().map(|(file, _)| file.clone()).collect();
-        self.lock().insert(output.name.clone(), Known { made_of, files: written });
+        let value = evaluation.value(output.node, output.output);
+        let doubts = value.map_or(Vec::new(), |value| output.format.doubts(value));
+        self.lock().insert(output.name.clone(), Known { made_of, files: written, doubts });
         Ok(files)
     }
 
     /// The files of an output if they were made of this and nobody has changed them since.
     fn still_there(&self, output: &str, made_of: Hash) -> Option<Vec<Written>> {
         let known = self.lock();
-        let mut files = known.get(output).filter(|known| known.made_of == made_of)?.files.clone();
+        let Known { files, doubts, .. } = known.get(output).filter(|it| it.made_of == made_of)?;
+        let (mut files, doubts) = (files.clone(), doubts.clone());
         drop(known);
         let is_as_left = |(file, left): &mut (Written, Option<Left>)| {
             left.as_mut().is_some_and(|left| left.is_there(file))
@@ -317,7 +337,7 @@ impl OutputFolder {
         let unchanged =
             |(file, _): &(Written, _)| Written { unchanged: true, seconds: 0.0, ..file.clone() };
         let unchanged = files.iter().map(unchanged).collect();
-        self.lock().insert(output.to_owned(), Known { made_of, files });
+        self.lock().insert(output.to_owned(), Known { made_of, files, doubts });
         Some(unchanged)
     }
 
@@ -395,7 +415,8 @@ mod tests {
         let destination = Destination::anywhere(&sources);
         let (written, left) = outputs.file("a", path.to_owned(), &file, &destination).unwrap();
         let unchanged = written.unchanged;
-        let known = Known { made_of: Hash::of(b"value"), files: vec![(written, left)] };
+        let files = vec![(written, left)];
+        let known = Known { made_of: Hash::of(b"value"), files, doubts: Vec::new() };
         outputs.lock().insert("a".into(), known);
         unchanged
     }

@@ -7,6 +7,7 @@ use super::Session;
 use crate::eval::Evaluation;
 use crate::golden::{self, Violation};
 use crate::graph::{Expected, Graph};
+use crate::node::CancelToken;
 use crate::value::{AnyValue, Hash};
 
 /// So many verdicts are kept of a graph, beside as many as it has expectations.
@@ -32,16 +33,18 @@ impl Verdicts {
         expected.iter().filter(is_open).copied().collect()
     }
 
-    /// Judges these expectations, and knows from now on which of them hold. What was known of the others stays.
+    /// Judges these expectations one by one until it is told to stop, and knows from now on which of them hold. What was known of the
+    /// others stays.
     pub(super) fn judge(
         &mut self,
         graph: &Graph,
         evaluation: &Evaluation,
         open: &[&Expected],
+        cancel: &CancelToken,
     ) -> Vec<Violation> {
         let value = evaluation.by_place();
         let (mut found, mut held) = (Vec::new(), Vec::new());
-        for expected in open {
+        for expected in open.iter().take_while(|_| !cancel.is_cancelled()) {
             let violations = golden::violations(graph, &value, &[*expected]);
             let mut values = expected.values.iter().flatten();
             let is_judged = values.all(|&(node, output)| value(node, output).is_some());

@@ -6,6 +6,8 @@ use std::process::{Command, Output, Stdio};
 
 use expect_test::expect;
 
+use crate::project::Project;
+
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
 fn command(folder: &Path, arguments: &[&str]) -> Command {
@@ -302,4 +304,28 @@ fn a_graph_without_outputs_has_nothing_to_do() {
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert!(output.status.success());
     expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout(&output));
+}
+
+/// An open mesh as a file for printers, and one that is too far away for single numbers.
+#[test]
+fn what_files_cannot_tell_is_told_by_each_run_also_if_they_are_there() {
+    let graph = r#"Graph(
+        format: 1,
+        nodes: {
+            "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]),
+            "surface": Nurbs(net: "net", order: (2, 2)),
+            "sheet": Tessellate(surface: "surface", u: 2, v: 2),
+            "survey": Transform(mesh: "sheet", translate: (50000, 0, 0)),
+        },
+        outputs: { "sheet.stl": "sheet", "survey.obj": "survey" },
+    )"#;
+    let project = Project::new(graph);
+    for _ in 0..2 {
+        let output = project.command(&["run", "doll.ron"]).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{told}");
+        assert!(told.contains("`sheet.stl`: the mesh is not closed: 8 of its edges"), "{told}");
+        assert!(told.contains("`survey.obj`: coordinates in such a file are single"), "{told}");
+        assert_eq!(told.matches("warning").count(), 2, "{told}");
+    }
 }

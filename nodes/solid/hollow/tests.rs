@@ -42,6 +42,38 @@ fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
 }
 
 #[test]
+fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
+    let [block, notch] = [[20.0, 16.0, 12.0], [10.0, 8.0, 30.0]].map(cuboid);
+    let solid = boolean(&block, &[&notch], Operation::Difference, &Progress::none()).unwrap();
+    let tree = TriangleTree::new(&solid);
+    for (thickness, spacing) in [(2.0, 0.0), (1.5, 0.5)] {
+        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::none()).unwrap();
+        assert!(is_solid(&hollow));
+        assert_eq!(hollow.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
+        let cavity = hollow.faces().iter().skip(solid.faces().len());
+        // Ten places on each triangle of the cavity.
+        let places = cavity.flat_map(|face| {
+            let [a, b, c] = [0, 1, 2].map(|k| hollow.positions()[face[k] as usize]);
+            let steps = (0..4).flat_map(|i| (0..4 - i).map(move |j| [i, j]));
+            steps.map(move |[i, j]| a + f64::from(i) / 3.0 * (b - a) + f64::from(j) / 3.0 * (c - a))
+        });
+        let walls = tree.nearest_to_all(&Vec::from_iter(places)).into_iter().flatten();
+        let least = walls.map(|it| it.distance_sq.sqrt()).fold(f64::INFINITY, f64::min);
+        assert!(0.98 * thickness < least, "{least}");
+        assert!(volume(&hollow) < 0.8 * volume(&solid));
+    }
+}
+
+#[test]
+fn no_cavity_is_much_smaller_than_the_wall_is_thick() {
+    // Behind walls of 2 mm there is room for a cube of 0.9 mm, or of 1.2 mm.
+    let whole = cuboid([4.9; 3]);
+    assert_eq!(hollow(&whole, (2.0, 0.25), &[], &Progress::none()).unwrap(), whole);
+    let cube = hollow(&cuboid([5.2; 3]), (2.0, 0.25), &[], &Progress::none()).unwrap();
+    assert!(is_solid(&cube) && cube.faces().len() > 6);
+}
+
+#[test]
 fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_sides() {
     let plate = cuboid([20.0, 16.0, 3.9]);
     assert_eq!(hollow(&plate, (2.0, 0.0), &[], &Progress::none()).unwrap(), plate);

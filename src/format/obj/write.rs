@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::error::Error;
 use crate::format::corners::split;
 use crate::format::upright::upright;
-use crate::format::{check_single, png};
+use crate::format::{check_single, coarse, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
@@ -37,6 +37,10 @@ impl FileFormat for MeshObj {
             NewFile { name: material, bytes: text.into_bytes() },
             NewFile { name: picture, bytes: png::encode_rgb(texture)? },
         ])
+    }
+
+    fn doubts(mesh: &Mesh) -> Vec<String> {
+        coarse(mesh.positions()).into_iter().collect()
     }
 }
 

@@ -5,7 +5,7 @@ use super::write::encode;
 use crate::error::Error;
 use crate::format::rows::{floats, indices};
 use crate::format::upright::upright_points;
-use crate::format::{check_single, finite};
+use crate::format::{check_single, coarse, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
@@ -61,6 +61,10 @@ impl FileFormat for PointsPly {
             mesh = mesh.with_vertex(attribute, column.clone())?;
         }
         Ok(NewFile::only(name, encode(&mesh)?))
+    }
+
+    fn doubts(points: &Points) -> Vec<String> {
+        coarse(points.positions()).into_iter().collect()
     }
 }
 

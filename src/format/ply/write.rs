@@ -8,7 +8,7 @@ use super::header::Kind;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::format::upright::{upright, upright_points};
-use crate::format::{TooFar, check_single, finite};
+use crate::format::{TooFar, check_single, coarse, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
@@ -23,6 +23,10 @@ impl FileFormat for MeshPly {
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+    }
+
+    fn doubts(mesh: &Mesh) -> Vec<String> {
+        coarse(mesh.positions()).into_iter().collect()
     }
 }
 

@@ -413,11 +413,14 @@ class Run:
     def write(self, folder: Optional[Path] = None) -> List[WrittenFile]:
         """Writes the outputs to a folder, `out/GRAPH` if none is named, as `maquette run` does; a file that is right is left alone.
 
-        Raises GraphError if a file cannot be written; what was there stays.
+        What a file cannot tell of its value is a warning. Raises GraphError if a file cannot be written; what was there stays.
         """
         written, told = self._found.write(folder, self._graph.path)
-        if told:
-            raise GraphError(problems(told), self)
+        told = problems(told)
+        if any(problem.severity == "error" for problem in told):
+            raise GraphError(told, self)
+        for problem in told:
+            warnings.warn(problem.message, stacklevel=2)
         return [WrittenFile(**file) for file in written]
 
     def __repr__(self) -> str:

@@ -1,0 +1,266 @@
+//! Simple solids, made from nothing.
+
+use std::collections::HashMap;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use maquette::value::{Faces, Mesh, MeshError};
+use maquette::{Context, Error, Node, Promise};
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Makes a simple solid: a box, a cylinder or a sphere, such as one that `Boolean` cuts or unites a scan with.
+///
+/// It is closed and looks outward. `Transform` turns it and moves it.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Primitive {
+    /// What it is.
+    #[serde(default)]
+    pub shape: Shape,
+    /// Where its middle is.
+    #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
+    pub center: [f64; 3],
+}
+
+/// A simple solid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum Shape {
+    /// A box with its sides along the axes: six quads.
+    Box {
+        /// How long its sides are along x, y and z.
+        #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+        size: [f64; 3],
+    },
+    /// A cylinder along y: quads around, and two polygons.
+    Cylinder {
+        /// How far its corners are from its axis.
+        #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+        radius: f64,
+        /// How high it is.
+        #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+        height: f64,
+        /// How many quads there are around it.
+        #[schemars(range(min = 3, max = 4096))]
+        #[serde(default = "sixty_four")]
+        sides: u32,
+    },
+    /// A sphere of quads that are nearly squares: a cube, blown up.
+    Sphere {
+        /// How far its corners are from its middle.
+        #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+        radius: f64,
+        /// How many quads there are around it: a multiple of 4.
+        #[schemars(range(min = 4, max = 4096), extend("multipleOf" = 4))]
+        #[serde(default = "sixty_four")]
+        sides: u32,
+    },
+}
+
+fn sixty_four() -> u32 {
+    64
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self::Box { size: [10.0; 3] }
+    }
+}
+
+/// More quads around a solid are no good to anyone.
+const MOST_SIDES: u32 = 4096;
+
+/// Why there is no such solid.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PrimitiveError {
+    /// A length that is none.
+    #[error("`{name}` is {length} mm, but must be a number above 0")]
+    Length {
+        /// Its name.
+        name: &'static str,
+        /// The length, in mm.
+        length: f64,
+    },
+    /// Too few or too many quads around it.
+    #[error("`sides` is {sides}, but must be {must}")]
+    Sides {
+        /// How many.
+        sides: u32,
+        /// What must be.
+        must: &'static str,
+    },
+    /// Places out of all bounds.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for Primitive {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Closed"),
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::always("mesh", "Unpinched"),
+        Promise::always("mesh", "NonEmpty"),
+    ];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((primitive(self.shape, self.center.into())?,))
+    }
+}
+
+/// A simple solid around a place, in mm.
+///
+/// # Errors
+/// If a length is not above 0, `sides` is out of range, or places are out of all bounds.
+pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveError> {
+    let length = |name, length: f64| match length > 0.0 && length.is_finite() {
+        true => Ok(()),
+        false => Err(PrimitiveError::Length { name, length }),
+    };
+    let (places, faces) = match shape {
+        Shape::Box { size } => {
+            size.iter().try_for_each(|&side| length("size", side))?;
+            let size = Vector3::from(size);
+            // A cube of one quad along each edge, its corners as far as the box goes.
+            let (corners, faces) = cube(1);
+            let place = |corner: &[u32; 3]| {
+                size.component_mul(&Vector3::from(corner.map(|k| f64::from(k) - 0.5)))
+            };
+            (Vec::from_iter(corners.iter().map(place)), faces)
+        }
+        Shape::Cylinder { radius, height, sides } => {
+            length("radius", radius)?;
+            length("height", height)?;
+            if !(3..=MOST_SIDES).contains(&sides) {
+                return Err(PrimitiveError::Sides { sides, must: "from 3 to 4096" });
+            }
+            cylinder(radius, height, sides)?
+        }
+        Shape::Sphere { radius, sides } => {
+            length("radius", radius)?;
+            if !(4..=MOST_SIDES).contains(&sides) || !sides.is_multiple_of(4) {
+                let must = "a multiple of 4 from 4 to 4096";
+                return Err(PrimitiveError::Sides { sides, must });
+            }
+            let steps = sides / 4;
+            let (corners, faces) = cube(steps);
+            // Equal angles along the edges of the cube's sides.
+            let angle = |k: u32| (f64::from(k) / f64::from(steps) - 0.5) * FRAC_PI_2;
+            let place = |corner: &[u32; 3]| {
+                Vector3::from(corner.map(|k| libm::tan(angle(k)))).normalize() * radius
+            };
+            (Vec::from_iter(corners.iter().map(place)), faces)
+        }
+    };
+    let places = Vec::from_iter(places.iter().map(|place| center + place));
+    Ok(Mesh::new(places, faces)?)
+}
+
+/// The surface of a cube with so many quads along each edge: its corners on the grid, from 0 on, and its faces.
+fn cube(steps: u32) -> (Vec<[u32; 3]>, Faces) {
+    let (mut corners, mut numbers) = (Vec::new(), HashMap::new());
+    let mut faces = Vec::with_capacity(24 * (steps * steps) as usize);
+    for axis in 0..3 {
+        for end in [0, steps] {
+            for [i, j] in (0..steps * steps).map(|k| [k % steps, k / steps]) {
+                let mut quad = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+                if end == 0 {
+                    quad.reverse();
+                }
+                faces.extend(quad.map(|[i, j]| {
+                    let mut corner = [end; 3];
+                    corner[(axis + 1) % 3] = i;
+                    corner[(axis + 2) % 3] = j;
+                    *numbers.entry(corner).or_insert_with(|| {
+                        corners.push(corner);
+                        corners.len() as u32 - 1
+                    })
+                }));
+            }
+        }
+    }
+    (corners, Faces::uniform(4, faces).expect("quads"))
+}
+
+/// A cylinder along y around the origin.
+fn cylinder(radius: f64, height: f64, sides: u32) -> Result<(Vec<Vector3<f64>>, Faces), MeshError> {
+    let corner = |k: u32| {
+        let turn = TAU * f64::from(k % sides) / f64::from(sides);
+        let up = if k < sides { -0.5 } else { 0.5 };
+        Vector3::new(radius * libm::sin(turn), up * height, radius * libm::cos(turn))
+    };
+    let quads = (0..sides).flat_map(|k| {
+        let next = (k + 1) % sides;
+        [k, next, sides + next, sides + k]
+    });
+    let lids = (0..sides).rev().chain(sides..2 * sides);
+    let counts = Vec::from_iter((0..sides).map(|_| 4).chain([sides as usize; 2]));
+    let faces = Faces::polygons(&counts, quads.chain(lids).collect())?;
+    Ok(((0..2 * sides).map(corner).collect(), faces))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    fn volume(mesh: &Mesh) -> f64 {
+        let cone = |face: &[u32]| {
+            let at = |vertex: u32| mesh.positions()[vertex as usize].coords;
+            let fan = face[1..].windows(2);
+            fan.map(|pair| at(face[0]).dot(&at(pair[0]).cross(&at(pair[1])))).sum::<f64>()
+        };
+        mesh.faces().iter().map(cone).sum::<f64>() / 6.0
+    }
+
+    #[test]
+    fn solids_are_closed_look_outward_and_have_their_volume() {
+        let r = 5.0;
+        for (shape, expected) in [
+            (Shape::Box { size: [2.0, 3.0, 4.0] }, 24.0),
+            (Shape::Cylinder { radius: r, height: 7.0, sides: 64 }, PI * r * r * 7.0),
+            (
+                Shape::Cylinder { radius: r, height: 7.0, sides: 3 },
+                0.75 * 3f64.sqrt() * r * r * 7.0,
+            ),
+            (Shape::Sphere { radius: r, sides: 64 }, 4.0 / 3.0 * PI * r * r * r),
+            (Shape::Sphere { radius: r, sides: 4 }, 8.0 * r * r * r / (3.0 * 3f64.sqrt())),
+        ] {
+            let mesh = primitive(shape, Point3::new(1.0, -2.0, 30.0)).unwrap();
+            let edges = mesh.edges();
+            assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
+            assert_eq!(mesh.positions().len() + mesh.faces().len(), edges.faces.len() + 2);
+            let found = volume(&mesh);
+            assert!((found / expected - 1.0).abs() < 0.005, "{shape:?}: {found} {expected}");
+            let (low, high) = mesh.bounds().unwrap();
+            assert!((nalgebra::center(&low, &high) - Point3::new(1.0, -2.0, 30.0)).y.abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_quads_of_a_sphere_are_even() {
+        let mesh = primitive(Shape::Sphere { radius: 1.0, sides: 64 }, Point3::origin()).unwrap();
+        let areas = mesh.faces().iter().map(|face| mesh.area_vector(face).norm());
+        let areas = Vec::from_iter(areas);
+        let (least, most) = areas.iter().fold((f64::MAX, 0.0), |(a, b), x| (x.min(a), x.max(b)));
+        assert!(most < 1.5 * least, "{least} {most}");
+    }
+
+    #[test]
+    fn what_is_no_solid_is_refused() {
+        let told = |shape| primitive(shape, Point3::origin()).unwrap_err().to_string();
+        let flat = Shape::Box { size: [1.0, 0.0, 1.0] };
+        assert_eq!(told(flat), "`size` is 0 mm, but must be a number above 0");
+        let thin = Shape::Cylinder { radius: f64::NAN, height: 1.0, sides: 8 };
+        assert_eq!(told(thin), "`radius` is NaN mm, but must be a number above 0");
+        let odd = Shape::Sphere { radius: 1.0, sides: 10 };
+        assert_eq!(told(odd), "`sides` is 10, but must be a multiple of 4 from 4 to 4096");
+        let far = primitive(Shape::default(), Point3::new(f64::INFINITY, 0.0, 0.0));
+        assert!(matches!(far, Err(PrimitiveError::Mesh(_))));
+    }
+}

@@ -1,0 +1,60 @@
+"""Are these files solids in the eyes of trimesh and of PrusaSlicer, and is each sliced?  check.py NAME-SKINS.stl|3mf ..
+
+Both must see a closed surface that looks outward, and so many skins. Both volumes must agree, and the G-code must have layers up to the
+solid's height.
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import trimesh
+
+
+def slicer(*words):
+    done = subprocess.run(["prusa-slicer", *map(str, words)], capture_output=True, text=True)
+    return done.returncode, done.stdout + done.stderr
+
+
+def told(path):
+    """What PrusaSlicer says of a file, by name."""
+    _, text = slicer("--info", path)
+    return dict(re.findall(r"^(\w+) *= *(.+?)\s*$", text, re.MULTILINE))
+
+
+def faults(path):
+    skins = int(path.stem.rsplit("-", 1)[1])
+    mesh = trimesh.load(path, force="mesh")
+    # Formats without vertices, or with one for each color, tell the same place several times.
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    # Where two corners become one in the file's numbers, nothing is left of a face.
+    a, b, c = mesh.faces.T
+    mesh.update_faces((a != b) & (b != c) & (c != a))
+    if not mesh.is_watertight:
+        yield "trimesh: it is not closed"
+    if not mesh.is_winding_consistent or mesh.volume <= 0:
+        yield f"trimesh: it does not look outward, its volume is {mesh.volume:.1f} mm3"
+    if mesh.body_count != skins:
+        yield f"trimesh: {mesh.body_count} skins"
+    info = told(path)
+    if info.get("manifold") != "yes":
+        yield f"PrusaSlicer: it is no manifold: {info}"
+    elif abs(float(info["volume"]) / mesh.volume - 1) > 1e-3:
+        yield f"PrusaSlicer: its volume is {info['volume']}, but {mesh.volume:.1f} mm3 in trimesh"
+    code = path.with_suffix(path.suffix + ".gcode")
+    status, text = slicer("--export-gcode", "--skirts", "0", "--output", code, path)
+    if status or not code.is_file():
+        yield f"PrusaSlicer does not slice it: {text[-300:]}"
+        return
+    heights = [float(z) for z in re.findall(r"^;Z:([\d.]+)", code.read_text(), re.MULTILINE)]
+    tall = float(info.get("size_z", "nan"))
+    if not heights or abs(max(heights) - tall) > 0.5:
+        yield f"PrusaSlicer: layers up to {max(heights, default=0):.1f} mm of {tall:.1f}"
+    print(f"{path.name}: {mesh.volume:.0f} mm3, {len(mesh.faces)} faces, {len(heights)} layers")
+
+
+if __name__ == "__main__":
+    wrong = [f"{path.name}: {fault}" for path in map(Path, sys.argv[1:]) for fault in faults(path)]
+    print("\n".join(wrong) if wrong else "all are solids")
+    sys.exit(bool(wrong))
