@@ -11,6 +11,7 @@ pub use fit::{FittedSubdivision, fit_subdivision};
 pub use fit_subdivision_error::FitSubdivisionError;
 pub use moves::{Prices, fit_by_moves};
 
+mod concave_corners;
 mod equations;
 mod feet;
 mod fit;
@@ -26,8 +27,8 @@ mod surroundings;
 ///
 /// Start with `Simplify` of a dense mesh of the points. Creases and borders stay sharp, so that the surface is smooth piece by piece. With
 /// `moves: ByEnergy()` the faces change, too: vertices go where the surface is simple and come where it is not, and edges become
-/// sharp or smooth wherever the scan is. Points whose nearest place is farther away than two edges of the control mesh are left out:
-/// they belong to parts that the mesh does not have.
+/// sharp or smooth wherever the scan is; what is smooth around the corner of a hole is cut by a sharp edge, as it would fold. Points
+/// whose nearest place is farther away than two edges of the control mesh are left out: they belong to parts that the mesh does not have.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSubdivision {
     /// The control mesh to start with: triangles.

@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::concave_corners::cut_concave_corners;
 use super::feet::Nearest;
 use super::fit::{Fit, FittedSubdivision};
 use super::fit_subdivision_error::FitSubdivisionError;
@@ -74,6 +75,7 @@ impl Default for Prices {
 /// distances, of a price for each vertex and of one for each sharp edge, with the control points around it in new places.
 /// Distances are those of the scan's vertices from the surface, and those of the surface from the scan's faces: without the second ones
 /// it would stick out where it ends in no points, along sharp edges above all. `points` of the publication are unorganized and have none.
+/// At the end what would fold at corners is cut, which is so small that no energy sees it.
 ///
 /// # Errors
 /// Those of [`fit_subdivision`](super::fit::fit_subdivision), and if the scan has no faces.
@@ -98,6 +100,10 @@ pub fn fit_by_moves(
         if made == 0 {
             break;
         }
+    }
+    let (cut, has_cut) = cut_concave_corners(&mesh)?;
+    if has_cut {
+        (mesh, nearest) = fit.settled(&cut, progress)?;
     }
     Ok(fit.end(mesh, &nearest))
 }

@@ -144,12 +144,43 @@ impl Net {
     }
 
     /// The other ends of the sharp edges and borders at a vertex.
-    fn sharp_neighbors(&self, vertex: u32) -> Vec<u32> {
+    pub(super) fn sharp_neighbors(&self, vertex: u32) -> Vec<u32> {
         let holds = |&other: &u32| {
             let ends = [vertex, other];
             self.sharp.contains_key(&ordered(ends)) || self.sides(ends).len() == 1
         };
         self.neighbors(vertex).into_iter().filter(holds).collect()
+    }
+
+    /// The other ends of a corner's edges, from each sharp edge or border to the next; none if it is no corner, with less than three.
+    pub(super) fn sectors(&self, vertex: u32) -> Vec<Vec<u32>> {
+        let sharp = self.sharp_neighbors(vertex);
+        if sharp.len() < 3 {
+            return Vec::new();
+        }
+        let after = |end: u32| {
+            self.around[vertex as usize].iter().find_map(|&face| {
+                let face = self.faces[face as usize];
+                let place = face.iter().position(|&corner| corner == vertex)?;
+                (face[(place + 1) % 3] == end).then(|| face[(place + 2) % 3])
+            })
+        };
+        let from = |&first: &u32| {
+            let mut ends = vec![first];
+            while let Some(next) = after(ends[ends.len() - 1]) {
+                ends.push(next);
+                if sharp.contains(&next) {
+                    break;
+                }
+            }
+            ends
+        };
+        sharp.iter().map(from).filter(|ends| 1 < ends.len()).collect()
+    }
+
+    /// Makes an edge sharp.
+    pub(super) fn sharpen(&mut self, edge: [u32; 2], sharpness: f64) {
+        self.sharp.insert(ordered(edge), sharpness);
     }
 
     /// What a move at an edge does; none if the surface, its border or its creases would not stay what they are.

@@ -4,7 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::super::shapes::{sphere, torus};
 use super::super::simplify::simplify;
-use super::net::{Move, Net};
+use super::concave_corners::cut_concave_corners;
+use super::net::{Move, Net, SHARP};
 use super::*;
 use crate::limit::composed::Composed;
 use crate::refine::connectivity::{Connectivity, NONE};
@@ -128,6 +129,37 @@ fn energy_makes_creases_smooth_that_a_sphere_does_not_have() {
     let [before, after] = [&creased, &found.mesh].map(|mesh| mesh.creases().len());
     assert!(20 < before && 2 * after < before, "{before} {after}");
     assert!(rms(&found) < rms(&fitted(&creased, dense.positions())));
+}
+
+/// The corner of a pit: two walls below the x and y axes, and around them three quarters of a flat face, cut by one smooth edge.
+fn corner_of_a_pit() -> Mesh {
+    let [out, deep] = [8.0, 4.0];
+    let places =
+        [[0.0, 0.0, 0.0], [deep, 0.0, 0.0], [0.0, 0.0, -deep], [0.0, deep, 0.0], [-out, -out, 0.0]];
+    let faces = [[0, 3, 4], [0, 4, 1], [0, 1, 2], [0, 2, 3]];
+    let mesh = Mesh::new(places.map(Point3::from).to_vec(), Faces::triangles(faces.to_vec()));
+    mesh.unwrap().with_creases([1, 2, 3].map(|end| ([0, end], SHARP))).unwrap()
+}
+
+#[test]
+fn a_flat_face_around_the_corner_of_a_pit_does_not_reach_into_it() {
+    let start = corner_of_a_pit();
+    let reach = |mesh: &Mesh| {
+        let fine = Composed::new(mesh, 5).unwrap().surface(mesh.positions()).unwrap();
+        let flat = fine.positions().iter().filter(|p| p.z.abs() < 1e-9);
+        flat.map(|p| p.x.min(p.y)).fold(0.0, f64::max)
+    };
+    let (cut, has_cut) = cut_concave_corners(&start).unwrap();
+    assert!(has_cut && 0.03 < reach(&start), "{}", reach(&start));
+    assert!(reach(&cut) < 1e-9, "{}", reach(&cut));
+    assert_eq!(cut.creases().count(), 4);
+    assert!(!cut_concave_corners(&cut).unwrap().1);
+}
+
+#[test]
+fn corners_that_do_not_fold_are_not_cut() {
+    let cube = crease(&divided_cube(2), 50.0, SHARP);
+    assert_eq!(cut_concave_corners(&cube).unwrap(), (cube, false));
 }
 
 #[test]

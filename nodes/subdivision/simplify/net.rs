@@ -27,6 +27,8 @@ const LEAST_AREA: f64 = 1e-20;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Collapse {
     cost: f64,
+    /// The square of the edge's length.
+    length_sq: f64,
     /// The vertex that stays, and the one that goes.
     pub(super) ends: [u32; 2],
     /// Theirs when the cost was computed.
@@ -34,10 +36,14 @@ pub(super) struct Collapse {
     place: Point3<f64>,
 }
 
-/// The cheapest one first, of equals the one with the lower vertices.
+/// The cheapest one first; of equals the shortest one, then the one with the lower vertices.
+///
+/// In a plane all cost nothing. By numbers alone one vertex would take all others in, and each time all faces around it would be looked at.
 impl Ord for Collapse {
     fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then(other.ends.cmp(&self.ends))
+        let cost = other.cost.total_cmp(&self.cost);
+        let length = other.length_sq.total_cmp(&self.length_sq);
+        cost.then(length).then(other.ends.cmp(&self.ends))
     }
 }
 
@@ -252,14 +258,16 @@ impl Net {
             [true, false] => vec![first],
             [false, true] => vec![second],
             [false, false] => match quadric.lowest() {
-                Some(lowest) => vec![lowest],
+                // Of equals an end, which is exactly on the surface.
+                Some(lowest) => vec![first, second, lowest],
                 None => vec![center(&first, &second), first, second],
             },
         };
         let costs = places.into_iter().map(|place| (quadric.at(place.coords), place));
         let (cost, place) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let versions = ends.map(|end| self.versions[end as usize]);
-        Some(Collapse { cost, ends, versions, place })
+        let length_sq = (second - first).norm_squared();
+        Some(Collapse { cost, length_sq, ends, versions, place })
     }
 
     /// Whether its ends are as they were when its cost was computed.

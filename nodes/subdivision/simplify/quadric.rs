@@ -4,7 +4,7 @@
 
 use std::ops::{Add, AddAssign};
 
-use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 /// `E(x) = x^T A x - 2 b . x + c`, the sum of `weight (n . x - d)^2` over some planes.
 #[derive(Clone, Copy, Debug, Default)]
@@ -16,6 +16,9 @@ pub(crate) struct Quadric {
 
 /// Above this condition of its matrix a quadric has no lowest place that means anything: all planes nearly share a line.
 const MOST_CONDITION: f64 = 1e8;
+
+/// An error below this share of its terms is their rounding: some units in the last place.
+const ROUNDING: f64 = 1e-15;
 
 impl Quadric {
     /// The plane through `point` with the unit normal `normal`.
@@ -37,14 +40,16 @@ impl Quadric {
         }
     }
 
-    /// The error at a place; not below 0.
+    /// The error at a place; 0 where it is less than what rounding leaves of the sums.
     pub(crate) fn at(&self, x: Vector3<f64>) -> f64 {
-        (x.dot(&(self.a * x)) - 2.0 * self.b.dot(&x) + self.c).max(0.0)
+        let square = x.dot(&(self.a * x)) + self.c;
+        let error = square - 2.0 * self.b.dot(&x);
+        if error < ROUNDING * square { 0.0 } else { error }
     }
 
     /// The place of the least error, if the planes determine one.
     pub(crate) fn lowest(&self) -> Option<Point3<f64>> {
-        let sizes = SymmetricEigen::new(self.a).eigenvalues;
+        let sizes = self.a.symmetric_eigenvalues();
         let determined = sizes.max() < MOST_CONDITION * sizes.min();
         let place = self.a.try_inverse().filter(|_| determined)? * self.b;
         place.iter().all(|x| x.is_finite()).then(|| place.into())

@@ -35,6 +35,51 @@ fn a_flat_sheet_becomes_two_triangles_and_keeps_its_corners() {
     assert_eq!(places, [[0, 0], [0, 1], [1, 0], [1, 1]]);
 }
 
+/// A flat sheet of `n` by `n` cells in a plane that no coordinate is constant in.
+fn tilted(n: u32) -> Mesh {
+    let flat = sheet(n, |_, _| 0.0);
+    let place = |p: &Point3<f64>| {
+        let (y, z) = (0.8 * p.y, 0.6 * p.y);
+        Point3::new(0.6 * p.x - 0.8 * z + 3.0, y, 0.8 * p.x + 0.6 * z + 7.0)
+    };
+    flat.with_positions(flat.positions().iter().map(place).collect()).unwrap()
+}
+
+#[test]
+fn what_is_flat_takes_no_more_work_for_each_vertex_if_it_is_finer() {
+    for n in [20, 80] {
+        for flat in [sheet(n, |_, _| 0.0), tilted(n)] {
+            let target = flat.faces().len() / 20;
+            let mut collapsing = Collapsing::new(&flat, &Progress::none()).unwrap();
+            let (mut judged, mut most) = (0, 0);
+            while target < collapsing.net.n_faces {
+                let next = collapsing.heap.pop().unwrap();
+                let now = collapsing.make(&next);
+                judged += now;
+                most = most.max(now);
+            }
+            let taken =
+                flat.positions().len() - collapsing.net.into_mesh(&flat).unwrap().positions().len();
+            assert!(judged < 8 * taken && most < 16, "{n}: {judged} for {taken}, {most}");
+        }
+    }
+}
+
+#[test]
+fn what_is_flat_is_left_in_even_triangles() {
+    for flat in [sheet(40, |_, _| 0.0), tilted(40)] {
+        let coarse = simple(&flat, 160);
+        let mut evenness = Vec::from_iter(coarse.faces().iter().map(|face| {
+            let [a, b, c] = [0, 1, 2].map(|k| coarse.positions()[face[k] as usize]);
+            let sides = (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
+            // 1 for three equal sides.
+            12_f64.sqrt() * (b - a).cross(&(c - a)).norm() / sides
+        }));
+        evenness.sort_by(f64::total_cmp);
+        assert!(0.1 < evenness[0] && 0.6 < evenness[evenness.len() / 10], "{evenness:?}");
+    }
+}
+
 #[test]
 fn a_wave_keeps_its_shape_with_a_tenth_of_the_faces() {
     let height = |x: f64, y: f64| 0.1 * libm::sin(6.0 * x) * libm::cos(4.0 * y);
