@@ -12,7 +12,7 @@ const MOST_SINE: f64 = 0.052_335_956_242_943_83;
 ///
 /// Where three sharp edges meet or more, the directions of two neighboring ones span the tangent plane of the sector between, of which the
 /// surface takes the side below 180 degrees, whatever its control faces do: Biermann, Levin and Zorin, "Piecewise smooth subdivision
-/// surfaces with normal control" (2000), section 3. A flat face around the corner of a hole would begin in the hole. Two sectors below 180
+/// surfaces with normal control" (2000). A flat face around the corner of a hole would begin in the hole. Two sectors below 180
 /// degrees, with a sharp edge between that nobody sees there, do not.
 ///
 /// # Errors
