@@ -81,3 +81,26 @@ fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
         && solids.iter().any(|solid| solid.texture().is_none() && is_painted(solid));
     hides.then_some("the picture of one solid is seen on all, and not the vertex colors of others: `TextureToColors` makes colors of it, or `ColorsToTexture` a picture of them")
 }
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Attribute, Faces, Image};
+    use nalgebra::Point3;
+
+    use super::*;
+
+    #[test]
+    fn what_is_not_seen_any_more_is_told() {
+        let places = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
+        let bare = Mesh::new(places, Faces::triangles(vec![[0, 1, 2]])).unwrap();
+        let picture = |gray: u8| Image::new(1, 1, vec![[gray; 3]]).unwrap();
+        let [dark, light] = [0, 255].map(|gray| bare.clone().with_texture(Some(picture(gray))));
+        let colors = Attribute::Color(vec![[9; 3]; 3].into());
+        let painted = bare.clone().with_vertex("color", colors).unwrap();
+        for silent in [[&bare, &painted], [&dark, &bare], [&dark, &dark], [&painted, &painted]] {
+            assert_eq!(doubt(&silent), None);
+        }
+        assert!(doubt(&[&dark, &light]).unwrap().contains("different pictures"));
+        assert!(doubt(&[&painted, &dark]).unwrap().contains("not the vertex colors"));
+    }
+}
