@@ -356,8 +356,10 @@ mod tests {
         assert_eq!(others.iter().filter(|normal| normal.z.abs() > 0.99).count(), 2);
     }
 
+    type Triangles = (Vec<Point3<f64>>, Vec<[u32; 3]>);
+
     /// A triangle mesh of a square of this size, its lowest corner here, with so many steps along each side.
-    fn sheet(size: f64, corner: [f64; 3], steps: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    fn sheet(size: f64, corner: [f64; 3], steps: u32) -> Triangles {
         let side = steps + 1;
         let at = |k: u32| {
             let [x, y] = [k % side, k / side].map(|k| size * f64::from(k) / f64::from(steps));
@@ -371,7 +373,7 @@ mod tests {
         ((0..side * side).map(at).collect(), (0..steps * steps).flat_map(halves).collect())
     }
 
-    fn mesh(parts: &[(Vec<Point3<f64>>, Vec<[u32; 3]>)]) -> Scan {
+    fn mesh(parts: &[Triangles]) -> Scan {
         let (mut places, mut faces) = (Vec::new(), Vec::new());
         for (own, corners) in parts {
             let before = places.len() as u32;
