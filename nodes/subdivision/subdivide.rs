@@ -4,7 +4,8 @@
 //! refined by products.
 
 use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise, Want};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want, hash_of};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -86,9 +87,51 @@ impl Node for Subdivide {
                 "some creases are still sharp after {levels} levels; their limit is computed as if they stayed so"
             ));
         }
+        let plan = self.plan(mesh, cx)?;
+        Ok((plan.apply_within(mesh, cx.progress())?,))
+    }
+
+    /// Where only vertices have moved, computes what they reach.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let (mesh, before) = (cx.get(&self.mesh), previous.get(&self.mesh));
+        let refined = previous.output::<Mesh>(0);
+        let (Some(refined), Some(moved)) = (refined, moved(before, mesh)) else { return Ok(None) };
+        if self.split {
+            return Ok(None);
+        }
+        let plan = self.plan(mesh, cx)?;
+        let followed = plan.follow(mesh, &moved, refined, cx.progress())?;
+        Ok(followed.map(|mesh| (mesh,)))
+    }
+}
+
+/// The vertices at which a mesh has other places than one `before`; none if anything else that a refined mesh shows differs, too, but
+/// for its picture and its frame.
+fn moved(before: &Mesh, mesh: &Mesh) -> Option<Vec<u32>> {
+    let places = mesh.positions();
+    if places.len() != before.positions().len() {
+        return None;
+    }
+    let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
+    let moved = (0..).zip(before.positions().iter().zip(places.iter()));
+    let moved = moved.filter(|(_, (before, now))| bits(before) != bits(now));
+    let moved = Vec::from_iter(moved.map(|(vertex, (_, now))| (vertex, *now)));
+    let followed = before.with_moved(&moved).ok()?;
+    let followed = followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied());
+    let is_all = hash_of(&followed) == hash_of(&mesh.clone().without("normal"));
+    is_all.then(|| moved.into_iter().map(|(vertex, _)| vertex).collect())
+}
+
+impl Subdivide {
+    /// The plan for `mesh`, of which nothing is made twice.
+    fn plan(&self, mesh: &Mesh, cx: &Context<'_>) -> Result<Plan, Error> {
         let mut done = 0;
         let step = |before: Before<'_>| {
-            cx.tick(PLANNING * f64::from(done) / f64::from(levels.max(1)))?;
+            cx.tick(PLANNING * f64::from(done) / f64::from(self.how.levels.max(1)))?;
             done += 1;
             match before {
                 Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
@@ -102,12 +145,9 @@ impl Node for Subdivide {
                 Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
             }
         };
-        let plan = Plan::with::<Error>(mesh, self.how, step, end)?;
-        Ok((plan.apply_within(mesh, cx.progress())?,))
+        Plan::with(mesh, self.how, step, end)
     }
-}
 
-impl Subdivide {
     /// Whether anything is done that asks for the surface around each vertex.
     fn wants_surface(&self) -> bool {
         !self.split && (0 < self.how.levels || self.how.limit)

@@ -160,6 +160,25 @@ impl Mesh {
         Ok(moved)
     }
 
+    /// The same mesh with some of its vertices moved; all else is as with [`with_positions`](Self::with_positions). Only what moves is
+    /// looked at and hashed.
+    ///
+    /// # Errors
+    /// If one of the places is not finite.
+    ///
+    /// # Panics
+    /// If there is no such vertex.
+    pub fn with_moved(&self, moved: &[(u32, Point3<f64>)]) -> Result<Self, MeshError> {
+        let is_bad = |(_, place): &&(u32, Point3<f64>)| !place.iter().all(|x| x.is_finite());
+        if let Some(&(vertex, _)) = moved.iter().find(is_bad) {
+            return Err(MeshError::NotFinite { vertex: vertex as usize });
+        }
+        let mut mesh = Self { positions: self.positions.with_items(moved), ..self.clone() };
+        mesh.vertex.remove("normal");
+        mesh.corner.remove("normal");
+        Ok(mesh)
+    }
+
     /// The same mesh with an attribute per vertex.
     ///
     /// # Errors
