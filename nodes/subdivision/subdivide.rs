@@ -117,13 +117,14 @@ fn moved(before: &Mesh, mesh: &Mesh) -> Option<Vec<u32>> {
         return None;
     }
     let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
-    let moved = (0..).zip(before.positions().iter().zip(places.iter()));
-    let moved = moved.filter(|(_, (before, now))| bits(before) != bits(now));
-    let moved = Vec::from_iter(moved.map(|(vertex, (_, now))| (vertex, *now)));
-    let followed = before.with_moved(&moved).ok()?;
+    let pairs = (0..).zip(before.positions().iter().zip(places.iter()));
+    let pairs = pairs.filter(|(_, (before, now))| bits(before) != bits(now));
+    let (moved, places): (Vec<u32>, Vec<_>) =
+        pairs.map(|(vertex, (_, now))| (vertex, *now)).unzip();
+    let rows = Vec::from_iter(moved.iter().map(|&vertex| vertex..vertex + 1));
+    let followed = before.with_moved(&rows, &places).ok()?;
     let followed = followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied());
-    let is_all = hash_of(&followed) == hash_of(&mesh.clone().without("normal"));
-    is_all.then(|| moved.into_iter().map(|(vertex, _)| vertex).collect())
+    (hash_of(&followed) == hash_of(&mesh.clone().without("normal"))).then_some(moved)
 }
 
 impl Subdivide {

@@ -1,7 +1,7 @@
 //! A list of plain items, shared between values and hashed once.
 
 use std::fmt;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
 
 use bytemuck::{NoUninit, Pod};
@@ -58,24 +58,28 @@ impl<T: NoUninit + Send + Sync> Column<T> {
 }
 
 impl<T: Pod + Send + Sync> Column<T> {
-    /// The same column with other items at some places; of several for one place the last one counts. All are copied, but only what is
-    /// around those that are others is hashed again.
+    /// The same column with other items in some rows: those of all rows, one row after the other. All are copied, but only what is around
+    /// those that are others is hashed again.
     ///
     /// # Panics
-    /// If there is no such place.
+    /// If there are no such rows, or more or fewer items than they take.
     #[must_use]
-    pub fn with_items(&self, others: &[(u32, T)]) -> Self {
+    pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
         let mut items: Vec<T> = huge_vec(self.len());
         let copies = items.par_chunks_mut(COPIED).zip(self.par_chunks(COPIED));
         copies.for_each(|(to, from)| to.copy_from_slice(from));
-        others.iter().for_each(|&(place, item)| items[place as usize] = item);
+        let mut rest = others;
+        let mut changed = Vec::new();
+        for row in rows.iter().map(|row| row.start as usize..row.end as usize) {
+            let (others, behind) = rest.split_at(row.len());
+            items[row.clone()].copy_from_slice(others);
+            rest = behind;
+            changed.push(row);
+        }
+        assert!(rest.is_empty(), "more items than rows");
         let column = Self(Arc::new(Shared::new(items)));
         if of_one_block(0, self.bytes()).is_none() {
-            let is_other = |place: &usize| {
-                bytemuck::bytes_of(&self[*place]) != bytemuck::bytes_of(&column[*place])
-            };
-            let changed = others.iter().map(|(place, _)| *place as usize).filter(is_other);
-            let blocks = self.blocks().after(changed, size_of::<T>(), column.bytes());
+            let blocks = self.blocks().after(&changed, size_of::<T>(), column.bytes());
             // Nobody else knows the column yet.
             let _ = column.0.blocks.set(blocks);
         }
@@ -143,17 +147,18 @@ mod tests {
     }
 
     #[test]
-    fn a_column_with_other_items_is_as_one_made_of_them() {
-        for len in [3, 1000, 50_000] {
+    fn a_column_with_other_rows_is_as_one_made_of_them() {
+        for len in [3_u32, 1000, 50_000] {
             let mut items = Vec::from_iter((0..len).map(f64::from));
             let column = Column::from(items.clone());
-            let last = len - 1;
-            let others = [(0, 0.5), (last / 2, -1.0), (last, f64::from(last)), (0, -0.5)];
-            let other = column.with_items(&others);
-            others.iter().for_each(|&(place, item)| items[place as usize] = item);
+            let rows = [0..1, len / 2..len / 2, len / 2..len - 1, len - 1..len];
+            let places = Vec::from_iter(rows.iter().cloned().flatten());
+            let others = Vec::from_iter(places.iter().map(|&place| -2.0 * f64::from(place)));
+            let other = column.with_rows(&rows, &others);
+            places.iter().zip(&others).for_each(|(&place, &item)| items[place as usize] = item);
             assert_eq!(other[..], items);
             assert_eq!(other.hash(), Column::from(items).hash());
-            assert_eq!(column.with_items(&[]).hash(), column.hash());
+            assert_eq!(column.with_rows(&[], &[]).hash(), column.hash());
         }
     }
 

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use maquette::memory::sparse_vec;
+use maquette::memory::{huge_vec, sparse_vec};
 use maquette::parallel::*;
 use maquette::value::Faces;
 use maquette::{Cancelled, Progress};
@@ -16,17 +16,22 @@ use nalgebra::Point3;
 
 use super::primal::Primal;
 
-/// Vertices with their places.
-pub(crate) type Placed = Vec<(u32, Point3<f64>)>;
+/// Half-edges, faces or vertices, in rows that ascend.
+pub(crate) type Rows = Vec<Range<u32>>;
 
-/// Vertices that one task computes: enough to outweigh the cost of giving them to a thread.
+/// Vertices that one task computes at most.
 const BLOCK: usize = 1024;
 
-/// Half-edges of the control mesh, in rows.
-type Halves = Vec<Range<u32>>;
+/// Some faces of the control mesh on their way through the steps.
+struct Part {
+    /// Their half-edges in the control mesh.
+    halves: Rows,
+    /// The vertices of their parts, but for some at the rim.
+    vertices: Rows,
+}
 
-/// The vertices after the last step that may be elsewhere because these vertices of the `control` mesh have `moved`, with the bits that
-/// the whole product gives them.
+/// The vertices after the last step that may be elsewhere because these vertices of the `control` mesh, ascending, have `moved`: in rows,
+/// and their places one row after the other, with the bits that the whole product gives them.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -35,86 +40,128 @@ pub(crate) fn follow(
     control: &[Point3<f64>],
     moved: &[u32],
     progress: &Progress<'_>,
-) -> Result<Placed, Cancelled> {
-    let Some((last, before)) = steps.split_last() else {
-        return Ok(moved.iter().map(|&vertex| (vertex, control[vertex as usize])).collect());
-    };
-    let [core, halo] = surroundings(&steps[0].level.mesh.faces, control.len(), moved);
+) -> Result<(Rows, Vec<Point3<f64>>), Cancelled> {
+    let Some(first) = steps.first() else { return Ok((Rows::new(), Vec::new())) };
+    let [mut core, mut halo] = surroundings(&first.level.mesh.faces, control.len(), moved);
+    // Outside of the halo there are zeros.
     let mut places: Option<Vec<Point3<f64>>> = None;
-    for (level, step) in before.iter().enumerate() {
+    let mut of_core = Vec::new();
+    for (level, step) in steps.iter().enumerate() {
         progress.check()?;
         let old = places.as_deref().unwrap_or(control);
-        let mut new = sparse_vec(step.n_finer());
-        let halo = finer(&halo, level);
-        for (vertex, place) in reached(step, old, &mut new, [&halo; 2], moved) {
-            new[vertex as usize] = place;
+        let is_last = level + 1 == steps.len();
+        let in_faces = middles(step, old, &halo.faces(step, level));
+        let faces = core.faces(step, level);
+        [&mut core, &mut halo].into_iter().for_each(|part| part.add_edges(step, level));
+        let part = if is_last { &core } else { &halo };
+        let made = computed(step, old, &in_faces, &part.vertices);
+        if is_last {
+            of_core = made;
+            let in_core = faces.iter().map(|row| &in_faces[row.start as usize..row.end as usize]);
+            if step.has_middles() {
+                in_core.for_each(|places| of_core.extend_from_slice(places));
+            }
+        } else {
+            let mut new: Vec<Point3<f64>> = sparse_vec(step.n_finer());
+            let mut rest = &made[..];
+            for row in &halo.vertices {
+                let (places, behind) = rest.split_at(row.len());
+                new[row.start as usize..row.end as usize].copy_from_slice(places);
+                rest = behind;
+            }
+            new[step.n_finer() - in_faces.len()..].copy_from_slice(&in_faces);
+            places = Some(new);
         }
-        places = Some(new);
+        [&mut core, &mut halo].into_iter().for_each(|part| part.add_middles(step, level));
     }
-    progress.check()?;
-    let old = places.as_deref().unwrap_or(control);
-    let mut new = sparse_vec(last.n_finer());
-    let [core, halo] = [core, halo].map(|halves| finer(&halves, before.len()));
-    Ok(reached(last, old, &mut new, [&core, &halo], moved))
+    Ok((core.vertices, of_core))
 }
 
-/// The new vertices in and at the faces with the half-edges of `core`, and those at the control points that have `moved`, which may have
-/// no face. Of `new`, what is inside of the faces of `halo` is written.
-fn reached(
+impl Part {
+    /// Their half-edges after so many steps: both schemes make four of each.
+    fn finer(&self, level: usize) -> impl Iterator<Item = Range<u32>> {
+        self.halves.iter().map(move |row| row.start << (2 * level)..row.end << (2 * level))
+    }
+
+    /// Their parts before a step, if it makes vertices inside of them.
+    fn faces(&self, step: &Primal, level: usize) -> Rows {
+        let mesh = &step.level.mesh;
+        let rows = self.finer(level).filter(|_| step.has_middles());
+        rows.map(|row| mesh.face_of(row.start)..mesh.face_of(row.end - 1) + 1).collect()
+    }
+
+    /// Adds the new vertices on edges: since edges are numbered by their owners, those that faces in a row own are in a row, and those
+    /// between two of the faces are among them.
+    fn add_edges(&mut self, step: &Primal, level: usize) {
+        let mesh = &step.level.mesh;
+        let edge = |half: u32| mesh.halves.partition_point(|[owner, _]| *owner < half);
+        let vertex = |half: u32| (mesh.vertices + edge(half)) as u32;
+        let rows = Rows::from_iter(self.finer(level).map(|row| vertex(row.start)..vertex(row.end)));
+        self.vertices.extend(rows);
+    }
+
+    /// Adds the new vertices inside of faces.
+    fn add_middles(&mut self, step: &Primal, level: usize) {
+        let first = (step.level.mesh.vertices + step.level.mesh.halves.len()) as u32;
+        let rows = self.faces(step, level).into_iter();
+        self.vertices.extend(rows.map(|row| first + row.start..first + row.end));
+    }
+}
+
+/// The new vertices in these faces; those of the other faces are zeros.
+fn middles(step: &Primal, old: &[Point3<f64>], faces: &Rows) -> Vec<Point3<f64>> {
+    let count = if step.has_middles() { step.level.mesh.faces.len() } else { 0 };
+    let mut middles = sparse_vec(count);
+    for row in faces {
+        let to = &mut middles[row.start as usize..row.end as usize];
+        let to = to.par_iter_mut().enumerate().with_min_len(BLOCK);
+        to.for_each(|(k, to)| *to = step.centroid(row.start + k as u32, old));
+    }
+    middles
+}
+
+/// The places of these new vertices, one row after the other.
+fn computed(
     step: &Primal,
     old: &[Point3<f64>],
-    new: &mut [Point3<f64>],
-    [core, halo]: [&Halves; 2],
-    moved: &[u32],
-) -> Placed {
-    let mesh = &step.level.mesh;
-    let placed = |vertices: &[u32], new: &[Point3<f64>]| -> Placed {
-        let vertices = vertices.par_iter().with_min_len(BLOCK);
-        vertices.map(|&vertex| (vertex, step.place(vertex, old, new))).collect()
-    };
-    let middle = |face: u32| step.middle(face).map(|[vertex, _]| vertex);
-    let faces = |row: &Range<u32>| mesh.face_of(row.start)..=mesh.face_of(row.end - 1);
-    let middles = Vec::from_iter(halo.iter().flat_map(faces).filter_map(middle));
-    for (vertex, place) in placed(&middles, new) {
-        new[vertex as usize] = place;
+    in_faces: &[Point3<f64>],
+    rows: &Rows,
+) -> Vec<Point3<f64>> {
+    let mut places = huge_vec(rows.iter().map(ExactSizeIterator::len).sum());
+    let (mut rest, mut pieces) = (&mut places[..], Vec::new());
+    for row in rows {
+        let starts = row.clone().step_by(BLOCK);
+        for piece in starts.map(|start| start..row.end.min(start + BLOCK as u32)) {
+            let (to, behind) = rest.split_at_mut(piece.len());
+            pieces.push((piece, to));
+            rest = behind;
+        }
     }
-
-    let mut is_known = vec![0_u64; new.len().div_ceil(64)];
-    let mut is_new = |vertex: &u32| {
-        let (word, bit) = (&mut is_known[*vertex as usize / 64], 1 << (vertex % 64));
-        let is_new = *word & bit == 0;
-        *word |= bit;
-        is_new
-    };
-    let mut vertices = Vec::from_iter(moved.iter().copied().filter(&mut is_new));
-    vertices.extend(core.iter().flat_map(faces).filter_map(middle));
-    for half in core.iter().cloned().flatten() {
-        let on_edge = mesh.vertices as u32 + mesh.edge_of[half as usize];
-        vertices.extend([mesh.corners()[half as usize], on_edge].into_iter().filter(&mut is_new));
-    }
-    placed(&vertices, new)
+    pieces.into_par_iter().for_each(|(row, to)| step.write_row(row, old, in_faces, to));
+    places
 }
 
-/// The half-edges of core and halo.
-fn surroundings(faces: &Faces, vertices: usize, moved: &[u32]) -> [Halves; 2] {
+/// Core and halo.
+fn surroundings(faces: &Faces, vertices: usize, moved: &[u32]) -> [Part; 2] {
     let mut is_near = vec![false; vertices];
     moved.iter().for_each(|&vertex| is_near[vertex as usize] = true);
     let mut grow = || {
-        let near = |face: &[u32]| face.iter().any(|&vertex| is_near[vertex as usize]);
-        let near = Vec::from_iter((0..faces.len()).filter(|&face| near(faces.face(face))));
-        let corners = near.iter().flat_map(|&face| faces.face(face));
+        let near =
+            |face: &u32| faces.face(*face as usize).iter().any(|&vertex| is_near[vertex as usize]);
+        let near = Vec::from_iter((0..faces.len() as u32).filter(near));
+        let corners = near.iter().flat_map(|&face| faces.face(face as usize));
         corners.for_each(|&vertex| is_near[vertex as usize] = true);
-        near
+        let corner = |face: u32| faces.first_corner(face as usize) as u32;
+        let halves = in_rows(&near).into_iter().map(|row| corner(row.start)..corner(row.end));
+        let vertices = (0..vertices as u32).filter(|&vertex| is_near[vertex as usize]);
+        Part { halves: halves.collect(), vertices: in_rows(&Vec::from_iter(vertices)) }
     };
     grow();
-    [grow(), grow()].map(|near| {
-        let rows = near.chunk_by(|a, b| a + 1 == *b);
-        let corner = |face: usize| faces.first_corner(face) as u32;
-        rows.map(|row| corner(row[0])..corner(row[row.len() - 1] + 1)).collect()
-    })
+    [grow(), grow()]
 }
 
-/// The half-edges of the parts of faces after so many steps: both schemes make four of each.
-fn finer(halves: &Halves, steps: usize) -> Halves {
-    halves.iter().map(|row| row.start << (2 * steps)..row.end << (2 * steps)).collect()
+/// Ascending numbers, those in a row together.
+fn in_rows(numbers: &[u32]) -> Rows {
+    let rows = numbers.chunk_by(|a, b| a + 1 == *b);
+    rows.map(|row| row[0]..row[row.len() - 1] + 1).collect()
 }

@@ -125,9 +125,9 @@ impl Plan {
         let keeps_all = self.how.boundary != Boundary::None && self.limit.is_none();
         let steps = self.primal_steps().filter(|steps| keeps_all && !steps.is_empty());
         let Some(steps) = steps else { return Ok(None) };
-        let reached = follow(&steps, mesh.positions(), moved, progress)?;
+        let (rows, places) = follow(&steps, mesh.positions(), moved, progress)?;
         // A place that is not finite is told of by the whole product.
-        let Ok(followed) = refined.with_moved(&reached) else { return Ok(None) };
+        let Ok(followed) = refined.with_moved(&rows, &places) else { return Ok(None) };
         Ok(Some(followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied())))
     }
 

@@ -28,7 +28,7 @@ fn count(bytes: usize) -> usize {
     (HEADER + bytes).div_ceil(BLOCK)
 }
 
-/// The blocks in which some bytes lie, at least one.
+/// The blocks in which some bytes lie; there is at least one byte.
 fn around(bytes: Range<usize>) -> RangeInclusive<usize> {
     (HEADER + bytes.start) / BLOCK..=(HEADER + bytes.end - 1) / BLOCK
 }
@@ -57,16 +57,11 @@ impl Blocks {
         })
     }
 
-    /// The same, after the items at these places have become others; `size` is that of an item.
-    pub(super) fn after(
-        &self,
-        changed: impl Iterator<Item = usize>,
-        size: usize,
-        bytes: &[u8],
-    ) -> Self {
+    /// The same, after the items in these rows have become others; `size` is that of an item.
+    pub(super) fn after(&self, changed: &[Range<usize>], size: usize, bytes: &[u8]) -> Self {
         let mut is_dirty = vec![false; self.0.len()];
-        for place in changed {
-            is_dirty[around(place * size..(place + 1) * size)].fill(true);
+        for row in changed.iter().filter(|row| !row.is_empty()) {
+            is_dirty[around(row.start * size..row.end * size)].fill(true);
         }
         let dirty = Vec::from_iter((0..self.0.len()).filter(|&index| is_dirty[index]));
         let hash = |&index: &usize| block(bytes.len() / size, bytes, index);
@@ -149,7 +144,7 @@ mod tests {
                 for place in places {
                     bytes[(place + 1) * size - 1] ^= 1;
                 }
-                let after = before.after(places.into_iter(), size, &bytes);
+                let after = before.after(&places.map(|place| place..place + 1), size, &bytes);
                 assert_eq!(after.whole(), in_one_piece(items, &bytes), "{length} {size}");
             }
         }

@@ -74,7 +74,7 @@ fn little_is_computed_where_little_has_moved() {
         let plan = plan(&mesh, with(scheme, 3, false, Boundary::EdgeAndCorner));
         let steps = plan.primal_steps().unwrap();
         let all = plan.apply(&mesh).unwrap().positions().len();
-        let reached = follow(&steps, mesh.positions(), &[840], &Progress::none()).unwrap().len();
+        let reached = follow(&steps, mesh.positions(), &[840], &Progress::none()).unwrap().1.len();
         assert!(0 < reached && reached < all / 50, "{reached} of {all}");
     }
 }
