@@ -77,16 +77,7 @@ impl Node for Subdivide {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;
         let mesh = split.as_ref().unwrap_or(cx.get(&self.mesh));
-        let Subdivision { scheme, levels, limit, .. } = self.how;
-        if scheme.is_dual() && mesh.creases().len() > 0 {
-            cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
-        }
-        let softens = |(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0;
-        if limit && mesh.creases().any(softens) {
-            cx.warn(format!(
-                "some creases are still sharp after {levels} levels; their limit is computed as if they stayed so"
-            ));
-        }
+        self.warn(mesh, cx);
         let plan = self.plan(mesh, cx)?;
         Ok((plan.apply_within(mesh, cx.progress())?,))
     }
@@ -103,6 +94,7 @@ impl Node for Subdivide {
         if self.split {
             return Ok(None);
         }
+        self.warn(mesh, cx);
         let plan = self.plan(mesh, cx)?;
         let followed = plan.follow(mesh, &moved, refined, cx.progress())?;
         Ok(followed.map(|mesh| (mesh,)))
@@ -128,6 +120,20 @@ fn moved(before: &Mesh, mesh: &Mesh) -> Option<Vec<u32>> {
 }
 
 impl Subdivide {
+    /// Tells what of the creases of `mesh` is not as it should be.
+    fn warn(&self, mesh: &Mesh, cx: &Context<'_>) {
+        let Subdivision { scheme, levels, limit, .. } = self.how;
+        if scheme.is_dual() && mesh.creases().len() > 0 {
+            cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
+        }
+        let softens = |(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0;
+        if limit && mesh.creases().any(softens) {
+            cx.warn(format!(
+                "some creases are still sharp after {levels} levels; their limit is computed as if they stayed so"
+            ));
+        }
+    }
+
     /// The plan for `mesh`, of which nothing is made twice.
     fn plan(&self, mesh: &Mesh, cx: &Context<'_>) -> Result<Plan, Error> {
         let mut done = 0;

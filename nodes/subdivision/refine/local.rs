@@ -30,51 +30,87 @@ struct Part {
     vertices: Rows,
 }
 
-/// The vertices after the last step that may be elsewhere because these vertices of the `control` mesh, ascending, have `moved`: in rows,
-/// and their places one row after the other, with the bits that the whole product gives them.
-///
-/// # Errors
-/// If the evaluation is told to stop.
-pub(crate) fn follow(
-    steps: &[&Primal],
-    control: &[Point3<f64>],
-    moved: &[u32],
-    progress: &Progress<'_>,
-) -> Result<(Rows, Vec<Point3<f64>>), Cancelled> {
-    let Some(first) = steps.first() else { return Ok((Rows::new(), Vec::new())) };
-    let [mut core, mut halo] = surroundings(&first.level.mesh.faces, control.len(), moved);
-    // Outside of the halo there are zeros.
-    let mut places: Option<Vec<Point3<f64>>> = None;
-    let mut of_core = Vec::new();
-    for (level, step) in steps.iter().enumerate() {
-        progress.check()?;
-        let old = places.as_deref().unwrap_or(control);
-        let is_last = level + 1 == steps.len();
-        let in_faces = middles(step, old, &halo.faces(step, level));
-        let faces = core.faces(step, level);
-        [&mut core, &mut halo].into_iter().for_each(|part| part.add_edges(step, level));
-        let part = if is_last { &core } else { &halo };
-        let made = computed(step, old, &in_faces, &part.vertices);
-        if is_last {
-            of_core = made;
-            let in_core = faces.iter().map(|row| &in_faces[row.start as usize..row.end as usize]);
-            if step.has_middles() {
-                in_core.for_each(|places| of_core.extend_from_slice(places));
-            }
-        } else {
+/// Core and halo on their way through the steps.
+pub(crate) struct Front<'a> {
+    control: &'a [Point3<f64>],
+    core: Part,
+    halo: Part,
+    /// How many steps were taken.
+    level: usize,
+    /// After a step the places in the halo; elsewhere there are zeros.
+    places: Option<Vec<Point3<f64>>>,
+}
+
+impl<'a> Front<'a> {
+    /// Where these vertices of the control mesh have moved; the core is wider by so many faces more.
+    pub(crate) fn new(
+        faces: &Faces,
+        control: &'a [Point3<f64>],
+        moved: &[u32],
+        wider: usize,
+    ) -> Self {
+        let [core, halo] = surroundings(faces, control.len(), moved, wider);
+        Self { control, core, halo, level: 0, places: None }
+    }
+
+    /// Takes some steps.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(crate) fn take(
+        &mut self,
+        steps: &[&Primal],
+        progress: &Progress<'_>,
+    ) -> Result<(), Cancelled> {
+        for step in steps {
+            progress.check()?;
+            let in_faces = self.split(step);
+            let made = computed(step, self.places(), &in_faces, &self.halo.vertices);
             let mut new: Vec<Point3<f64>> = sparse_vec(step.n_finer());
             let mut rest = &made[..];
-            for row in &halo.vertices {
+            for row in &self.halo.vertices {
                 let (places, behind) = rest.split_at(row.len());
                 new[row.start as usize..row.end as usize].copy_from_slice(places);
                 rest = behind;
             }
-            new[step.n_finer() - in_faces.len()..].copy_from_slice(&in_faces);
-            places = Some(new);
+            let first = new.len() - in_faces.len();
+            new[first..].copy_from_slice(&in_faces);
+            self.places = Some(new);
+            self.halo.add_middles(step, self.level);
+            self.core.add_middles(step, self.level);
+            self.level += 1;
         }
-        [&mut core, &mut halo].into_iter().for_each(|part| part.add_middles(step, level));
+        Ok(())
     }
-    Ok((core.vertices, of_core))
+
+    /// Takes the last step, in the core alone: its vertices in rows, and their places one row after the other.
+    pub(crate) fn end(mut self, last: &Primal) -> (Rows, Vec<Point3<f64>>) {
+        let in_faces = self.split(last);
+        let mut made = computed(last, self.places(), &in_faces, &self.core.vertices);
+        for row in self.core.faces(last, self.level) {
+            made.extend_from_slice(&in_faces[row.start as usize..row.end as usize]);
+        }
+        self.core.add_middles(last, self.level);
+        (self.core.vertices, made)
+    }
+
+    /// The vertices of the core, in rows.
+    pub(crate) fn core(&self) -> &Rows {
+        &self.core.vertices
+    }
+
+    /// All places, of which those in the core and around it are there.
+    pub(crate) fn places(&self) -> &[Point3<f64>] {
+        self.places.as_deref().unwrap_or(self.control)
+    }
+
+    /// Adds the new vertices on edges to core and halo; those inside of faces.
+    fn split(&mut self, step: &Primal) -> Vec<Point3<f64>> {
+        let in_faces = middles(step, self.places(), &self.halo.faces(step, self.level));
+        self.core.add_edges(step, self.level);
+        self.halo.add_edges(step, self.level);
+        in_faces
+    }
 }
 
 impl Part {
@@ -142,7 +178,7 @@ fn computed(
 }
 
 /// Core and halo.
-fn surroundings(faces: &Faces, vertices: usize, moved: &[u32]) -> [Part; 2] {
+fn surroundings(faces: &Faces, vertices: usize, moved: &[u32], wider: usize) -> [Part; 2] {
     let mut is_near = vec![false; vertices];
     moved.iter().for_each(|&vertex| is_near[vertex as usize] = true);
     let mut grow = || {
@@ -156,7 +192,9 @@ fn surroundings(faces: &Faces, vertices: usize, moved: &[u32]) -> [Part; 2] {
         let vertices = (0..vertices as u32).filter(|&vertex| is_near[vertex as usize]);
         Part { halves: halves.collect(), vertices: in_rows(&Vec::from_iter(vertices)) }
     };
-    grow();
+    for _ in 0..=wider {
+        grow();
+    }
     [grow(), grow()]
 }
 

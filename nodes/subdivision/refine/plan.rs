@@ -4,7 +4,7 @@ use maquette::value::{Attribute, Mesh};
 use maquette::{Cancelled, Limit as Most, Progress, Value};
 
 use super::live::Live;
-use super::local::follow;
+use super::local::Front;
 use super::primal::Primal;
 use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
@@ -122,13 +122,29 @@ impl Plan {
         refined: &Mesh,
         progress: &Progress<'_>,
     ) -> Result<Option<Mesh>, Cancelled> {
-        let keeps_all = self.how.boundary != Boundary::None && self.limit.is_none();
-        let steps = self.primal_steps().filter(|steps| keeps_all && !steps.is_empty());
-        let Some(steps) = steps else { return Ok(None) };
-        let (rows, places) = follow(&steps, mesh.positions(), moved, progress)?;
+        let has_border = self.how.boundary != Boundary::None;
+        let steps = self.primal_steps().filter(|_| has_border).unwrap_or_default();
+        let Some((last, before)) = steps.split_last() else { return Ok(None) };
+        let front = |wider| Front::new(mesh.faces(), mesh.positions(), moved, wider);
         // A place that is not finite is told of by the whole product.
-        let Ok(followed) = refined.with_moved(&rows, &places) else { return Ok(None) };
-        Ok(Some(followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied())))
+        let followed = match &self.limit {
+            None => {
+                let mut front = front(0);
+                front.take(before, progress)?;
+                let (rows, places) = front.end(last);
+                refined.with_moved(&rows, &places).ok()
+            }
+            Some(EndLimit::Refined(limit)) => {
+                // Normals may be those of the faces around.
+                let mut front = front(1);
+                front.take(&steps, progress)?;
+                limit.follow(front.core(), front.places(), refined)
+            }
+            Some(EndLimit::Control(_)) => None,
+        };
+        Ok(followed.map(|followed| {
+            followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied())
+        }))
     }
 
     /// Its steps, if the scheme is primal.
