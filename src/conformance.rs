@@ -23,6 +23,7 @@ mod extremes;
 mod files;
 mod migrations;
 mod promises;
+mod updates;
 mod values;
 
 /// How much memory the evaluators of a check may hold.
@@ -43,6 +44,7 @@ const MEMORY: usize = 1 << 30;
 /// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
 /// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
 /// 12. What its migrations call old is not there, and what they call new is.
+/// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -219,6 +221,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     promises::check(&case, broken);
     attributes::check(&case, broken);
     cells::check(&case, broken);
+    updates::check(&case, broken);
     extremes::check(&case, &load, broken);
 }
 
@@ -366,6 +369,16 @@ fn made(
     inputs: &[AnyValue],
     progress: Progress<'_>,
 ) -> Result<Option<Vec<AnyValue>>, String> {
+    let (result, _) = within(inputs, progress, |cx| node.node.eval(cx))?;
+    Ok(result.ok())
+}
+
+/// What some code of a node makes of some values, and what it warns of; an error is what a panic said.
+fn within<R>(
+    inputs: &[AnyValue],
+    progress: Progress<'_>,
+    work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
+) -> Result<(Result<R, Error>, Vec<String>), String> {
     let (files, readers) = (BTreeMap::new(), Readers::default());
     let cx = Context {
         inputs,
@@ -375,8 +388,9 @@ fn made(
         readers: &readers,
         warnings: Mutex::default(),
     };
-    let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
-    catch_unwind(eval).map(Result::ok).map_err(|panic| crate::error::in_words(&*panic))
+    let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));
+    let result = result.map_err(|panic| crate::error::in_words(&*panic))?;
+    Ok((result, cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner())))
 }
 
 #[cfg(test)]

@@ -129,7 +129,7 @@ pub use graph::{
 pub use limit::{Estimate, Limit, TooMuch};
 pub use node::{
     CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
-    PortType, Progress, Promise, ReadError, Want, node,
+    PortType, Previous, Progress, Promise, ReadError, Want, node,
 };
 pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
 pub use provenance::Signature;

@@ -26,6 +26,11 @@ pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
     items
 }
 
+/// A list of zeros of which few will be written: where nothing is, a large one takes no memory.
+pub fn sparse_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
+    bytemuck::zeroed_vec(len)
+}
+
 /// Has the allocator keep what is freed for what is made next, but get each large list from the system and give it back there.
 ///
 /// By itself it returns memory as soon as 128 KiB at its end are free, and has the system clear new pages for the next list: half of the

@@ -74,6 +74,21 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// # Errors
     /// Whatever is wrong with the inputs; the message says what, not where.
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error>;
+
+    /// What [`eval`](Self::eval) gives, made of what it gave for other inputs: the very bytes, and the same warnings. For nodes that
+    /// little has to be done by where little has changed; none where nothing is gained, so that `eval` is asked. Only a node that gives
+    /// something for unchanged inputs is held to this by [`conformance`](crate::conformance).
+    ///
+    /// # Errors
+    /// Those of `eval`.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let _ = (cx, previous);
+        Ok(None)
+    }
 }
 
 /// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union) of some.
@@ -449,6 +464,31 @@ pub(crate) trait Memos: Sync {
     fn keep(&self, key: Hash, value: &AnyValue);
 }
 
+/// What came to a node, and what it gave, when it ran with the same parameters and files.
+pub struct Previous<'a> {
+    pub(crate) inputs: &'a [AnyValue],
+    pub(crate) outputs: &'a [AnyValue],
+}
+
+impl Previous<'_> {
+    /// The value that was at a port.
+    pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
+        at_port(self.inputs, port)
+    }
+
+    /// The value of an output, the first one being 0; none if there is no such output, or it is no `T`.
+    pub fn output<T: Value>(&self, index: usize) -> Option<&T> {
+        self.outputs.get(index)?.get()
+    }
+}
+
+fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
+    let value = &inputs[port.slot];
+    T::get(value).unwrap_or_else(|| {
+        panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)
+    })
+}
+
 /// What a node sees of the world while it is evaluated.
 pub struct Context<'a> {
     pub(crate) inputs: &'a [AnyValue],
@@ -462,10 +502,7 @@ pub struct Context<'a> {
 impl Context<'_> {
     /// The value at a port.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
-        let value = &self.inputs[port.slot];
-        T::get(value).unwrap_or_else(|| {
-            panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)
-        })
+        at_port(self.inputs, port)
     }
 
     /// A file that a field of the node names.

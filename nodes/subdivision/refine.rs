@@ -5,6 +5,7 @@ pub(super) mod doo_sabin;
 pub(super) mod dual_halves;
 pub(super) mod level;
 pub(super) mod live;
+pub(super) mod local;
 pub(super) mod manifold;
 pub(super) mod plan;
 pub(super) mod primal;

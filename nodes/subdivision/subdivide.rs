@@ -4,7 +4,8 @@
 //! refined by products.
 
 use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise, Want};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want, hash_of};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -76,6 +77,51 @@ impl Node for Subdivide {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;
         let mesh = split.as_ref().unwrap_or(cx.get(&self.mesh));
+        self.warn(mesh, cx);
+        let plan = self.plan(mesh, cx)?;
+        Ok((plan.apply_within(mesh, cx.progress())?,))
+    }
+
+    /// Where only vertices have moved, computes what they reach.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let (mesh, before) = (cx.get(&self.mesh), previous.get(&self.mesh));
+        let refined = previous.output::<Mesh>(0);
+        let (Some(refined), Some(moved)) = (refined, moved(before, mesh)) else { return Ok(None) };
+        if self.split {
+            return Ok(None);
+        }
+        self.warn(mesh, cx);
+        let plan = self.plan(mesh, cx)?;
+        let followed = plan.follow(mesh, &moved, refined, cx.progress())?;
+        Ok(followed.map(|mesh| (mesh,)))
+    }
+}
+
+/// The vertices at which a mesh has other places than one `before`; none if anything else that a refined mesh shows differs, too, but
+/// for its picture and its frame.
+fn moved(before: &Mesh, mesh: &Mesh) -> Option<Vec<u32>> {
+    let places = mesh.positions();
+    if places.len() != before.positions().len() {
+        return None;
+    }
+    let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
+    let pairs = (0..).zip(before.positions().iter().zip(places.iter()));
+    let pairs = pairs.filter(|(_, (before, now))| bits(before) != bits(now));
+    let (moved, places): (Vec<u32>, Vec<_>) =
+        pairs.map(|(vertex, (_, now))| (vertex, *now)).unzip();
+    let rows = Vec::from_iter(moved.iter().map(|&vertex| vertex..vertex + 1));
+    let followed = before.with_moved(&rows, &places).ok()?;
+    let followed = followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied());
+    (hash_of(&followed) == hash_of(&mesh.clone().without("normal"))).then_some(moved)
+}
+
+impl Subdivide {
+    /// Tells what of the creases of `mesh` is not as it should be.
+    fn warn(&self, mesh: &Mesh, cx: &Context<'_>) {
         let Subdivision { scheme, levels, limit, .. } = self.how;
         if scheme.is_dual() && mesh.creases().len() > 0 {
             cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
@@ -86,9 +132,13 @@ impl Node for Subdivide {
                 "some creases are still sharp after {levels} levels; their limit is computed as if they stayed so"
             ));
         }
+    }
+
+    /// The plan for `mesh`, of which nothing is made twice.
+    fn plan(&self, mesh: &Mesh, cx: &Context<'_>) -> Result<Plan, Error> {
         let mut done = 0;
         let step = |before: Before<'_>| {
-            cx.tick(PLANNING * f64::from(done) / f64::from(levels.max(1)))?;
+            cx.tick(PLANNING * f64::from(done) / f64::from(self.how.levels.max(1)))?;
             done += 1;
             match before {
                 Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
@@ -102,12 +152,9 @@ impl Node for Subdivide {
                 Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
             }
         };
-        let plan = Plan::with::<Error>(mesh, self.how, step, end)?;
-        Ok((plan.apply_within(mesh, cx.progress())?,))
+        Plan::with(mesh, self.how, step, end)
     }
-}
 
-impl Subdivide {
     /// Whether anything is done that asks for the surface around each vertex.
     fn wants_surface(&self) -> bool {
         !self.split && (0 < self.how.levels || self.how.limit)

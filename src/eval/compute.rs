@@ -17,7 +17,7 @@ use crate::error::in_words;
 use crate::error::{Cancelled, Error};
 use crate::graph::{ELEMENTS, GraphNode, Link};
 use crate::limit::Estimate;
-use crate::node::{Context, File, Progress};
+use crate::node::{AnyNode, Context, File, Previous, Progress};
 use crate::value::Hash;
 
 /// A node's files, or the hashes that they have now, if one has just been changed.
@@ -66,7 +66,8 @@ impl Run<'_> {
             Ok((false, ..)) => return None,
             Err(error) => return Some(self.failed(index, error)),
         };
-        let (values, warnings) = match self.eval(index, &inputs, files) {
+        let given = self.update(index, &parts, key, &inputs, files);
+        let (values, warnings) = match given.unwrap_or_else(|| self.eval(index, &inputs, files)) {
             Ok(given) => given,
             Err(error) => return Some(self.failed(index, error)),
         };
@@ -123,6 +124,34 @@ impl Run<'_> {
         apart.map(|(_, values)| size(values)).sum()
     }
 
+    /// Makes the node's values of those that it gave the last time, if only other values have come in since, and memory still has all
+    /// of it; none if the node cannot.
+    fn update(
+        &self,
+        index: usize,
+        parts: &Parts,
+        key: Hash,
+        inputs: &[Values],
+        files: &BTreeMap<PathBuf, Option<File>>,
+    ) -> Option<Result<(Values, Vec<String>), Error>> {
+        let before = self.before(index).filter(|before| before.key != key)?;
+        if before.parts.recipe.identity != parts.recipe.identity
+            || before.parts.files != parts.files
+        {
+            return None;
+        }
+        let links = self.graph.nodes[index].links.iter().zip(&before.parts.inputs);
+        let input = |(link, hash): (&Link, &Hash)| {
+            let values = self.before(link.node)?.outcome.values()?;
+            values.get(link.output).filter(|value| value.hash() == *hash).cloned()
+        };
+        let (given, gave) =
+            (links.map(input).collect::<Option<Vec<_>>>()?, before.outcome.values()?);
+        let previous = Previous { inputs: &given, outputs: &gave };
+        let done = self.work(index, inputs, files, |node, cx| node.update(cx, &previous));
+        done.map(|(values, warnings)| Some((values?.into(), warnings))).transpose()
+    }
+
     /// Runs the node on the values of the nodes that its links lead to.
     fn eval(
         &self,
@@ -130,6 +159,18 @@ impl Run<'_> {
         inputs: &[Values],
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Result<(Values, Vec<String>), Error> {
+        let done = self.work(index, inputs, files, |node, cx| node.eval(cx));
+        done.map(|(values, warnings)| (values.into(), warnings))
+    }
+
+    /// What the node makes of inputs and files, which are as it wants them.
+    fn work<R>(
+        &self,
+        index: usize,
+        inputs: &[Values],
+        files: &BTreeMap<PathBuf, Option<File>>,
+        work: impl FnOnce(&dyn AnyNode, &Context<'_>) -> Result<R, Error>,
+    ) -> Result<(R, Vec<String>), Error> {
         if self.cancel.is_cancelled() {
             return Err(Cancelled.into());
         }
@@ -137,10 +178,10 @@ impl Run<'_> {
         lock(&self.under_way).insert(index);
         let done = self.within(index, inputs, files, |cx| {
             self.evaluator.guards.check(self.graph, node, cx.inputs)?;
-            node.node.eval(cx)
+            work(&*node.node, cx)
         });
         lock(&self.under_way).remove(&index);
-        done.map(|(values, warnings)| (values.into(), warnings))
+        done
     }
 
     /// What some code of a node makes of its inputs and files, and what it warns of; a panic becomes an error.

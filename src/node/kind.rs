@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use schemars::Schema;
 
-use super::{Carry, Context, FilePath, Node, Outputs, Source, Term};
+use super::{Carry, Context, FilePath, Node, Outputs, Previous, Source, Term};
 use crate::error::Error;
 use crate::limit::Estimate;
 use crate::text::Reader;
@@ -99,6 +99,9 @@ pub(crate) trait AnyNode: Send + Sync {
         None
     }
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
+    fn update(&self, _: &Context<'_>, _: &Previous<'_>) -> Result<Option<Vec<AnyValue>>, Error> {
+        Ok(None)
+    }
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
@@ -125,6 +128,14 @@ impl<T: Node> AnyNode for T {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         Node::eval(self, cx).map(Outputs::into_any)
+    }
+
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Vec<AnyValue>>, Error> {
+        Ok(Node::update(self, cx, previous)?.map(Outputs::into_any))
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {

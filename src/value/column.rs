@@ -1,12 +1,18 @@
 //! A list of plain items, shared between values and hashed once.
 
 use std::fmt;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
 
-use bytemuck::NoUninit;
+use bytemuck::{NoUninit, Pod};
 
-use super::{Hash, SEVERAL_THREADS};
+use super::Hash;
+use crate::memory::huge_vec;
+use crate::parallel::*;
+
+mod blocks;
+
+use blocks::{Blocks, of_one_block};
 
 /// A list of plain items: cloning it copies nothing, and its hash is computed when first asked for.
 #[derive(Clone)]
@@ -15,22 +21,34 @@ pub struct Column<T>(Arc<Shared<T>>);
 struct Shared<T> {
     items: Vec<T>,
     hash: OnceLock<Hash>,
+    /// Of a column that has several.
+    blocks: OnceLock<Blocks>,
 }
+
+impl<T> Shared<T> {
+    fn new(items: Vec<T>) -> Self {
+        Self { items, hash: OnceLock::new(), blocks: OnceLock::new() }
+    }
+}
+
+/// Items that are copied at once: enough to outweigh the cost of giving them to a thread.
+const COPIED: usize = 1 << 14;
 
 impl<T: NoUninit + Send + Sync> Column<T> {
     /// The hash of the items' bytes and their number.
     pub(crate) fn hash(&self) -> Hash {
         *self.0.hash.get_or_init(|| {
-            let bytes: &[u8] = bytemuck::cast_slice(&self.0.items);
-            let mut hasher = blake3::Hasher::new();
-            hasher.update(&(self.0.items.len() as u64).to_le_bytes());
-            if bytes.len() < SEVERAL_THREADS {
-                hasher.update(bytes);
-            } else {
-                hasher.update_rayon(bytes);
-            }
-            Hash(*hasher.finalize().as_bytes())
+            let one = of_one_block(self.len(), self.bytes());
+            one.unwrap_or_else(|| self.blocks().whole())
         })
+    }
+
+    fn blocks(&self) -> &Blocks {
+        self.0.blocks.get_or_init(|| Blocks::new(self.len(), self.bytes()))
+    }
+
+    fn bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.0.items)
     }
 
     /// How much memory the items hold, in bytes: what follows from their number, because nothing is set aside for more of them.
@@ -39,10 +57,40 @@ impl<T: NoUninit + Send + Sync> Column<T> {
     }
 }
 
+impl<T: Pod + Send + Sync> Column<T> {
+    /// The same column with other items in some rows: those of all rows, one row after the other. All are copied, but only what is around
+    /// those that are others is hashed again.
+    ///
+    /// # Panics
+    /// If there are no such rows, or more or fewer items than they take.
+    #[must_use]
+    pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
+        let mut items: Vec<T> = huge_vec(self.len());
+        let copies = items.par_chunks_mut(COPIED).zip(self.par_chunks(COPIED));
+        copies.for_each(|(to, from)| to.copy_from_slice(from));
+        let mut rest = others;
+        let mut changed = Vec::new();
+        for row in rows.iter().map(|row| row.start as usize..row.end as usize) {
+            let (others, behind) = rest.split_at(row.len());
+            items[row.clone()].copy_from_slice(others);
+            rest = behind;
+            changed.push(row);
+        }
+        assert!(rest.is_empty(), "more items than rows");
+        let column = Self(Arc::new(Shared::new(items)));
+        if of_one_block(0, self.bytes()).is_none() {
+            let blocks = self.blocks().after(&changed, size_of::<T>(), column.bytes());
+            // Nobody else knows the column yet.
+            let _ = column.0.blocks.set(blocks);
+        }
+        column
+    }
+}
+
 impl<T> Column<T> {
     /// A column of which the hash is known.
     pub(super) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
-        Self(Arc::new(Shared { items, hash: hash.into() }))
+        Self(Arc::new(Shared { hash: hash.into(), ..Shared::new(items) }))
     }
 }
 
@@ -50,7 +98,7 @@ impl<T> From<Vec<T>> for Column<T> {
     fn from(mut items: Vec<T>) -> Self {
         // There will be no more of them; what was set aside would be held as long as the value.
         items.shrink_to_fit();
-        Self(Arc::new(Shared { items, hash: OnceLock::new() }))
+        Self(Arc::new(Shared::new(items)))
     }
 }
 
@@ -96,6 +144,22 @@ mod tests {
         assert_eq!(a.hash(), Column::from(vec![1.0f64, 2.0]).hash());
         assert_ne!(a.hash(), Column::from(vec![1.0f64, 3.0]).hash());
         assert_ne!(Column::<u8>::from(vec![]).hash(), Column::from(vec![0u8]).hash());
+    }
+
+    #[test]
+    fn a_column_with_other_rows_is_as_one_made_of_them() {
+        for len in [3_u32, 1000, 50_000] {
+            let mut items = Vec::from_iter((0..len).map(f64::from));
+            let column = Column::from(items.clone());
+            let rows = [0..1, len / 2..len / 2, len / 2..len - 1, len - 1..len];
+            let places = Vec::from_iter(rows.iter().cloned().flatten());
+            let others = Vec::from_iter(places.iter().map(|&place| -2.0 * f64::from(place)));
+            let other = column.with_rows(&rows, &others);
+            places.iter().zip(&others).for_each(|(&place, &item)| items[place as usize] = item);
+            assert_eq!(other[..], items);
+            assert_eq!(other.hash(), Column::from(items).hash());
+            assert_eq!(column.with_rows(&[], &[]).hash(), column.hash());
+        }
     }
 
     #[test]

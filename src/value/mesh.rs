@@ -1,5 +1,7 @@
 //! Polygon meshes.
 
+use std::ops::Range;
+
 use nalgebra::Point3;
 use thiserror::Error;
 
@@ -158,6 +160,29 @@ impl Mesh {
         moved.vertex.remove("normal");
         moved.corner.remove("normal");
         Ok(moved)
+    }
+
+    /// The same mesh with some rows of its vertices moved, to the places of all rows, one row after the other; all else is as with
+    /// [`with_positions`](Self::with_positions). Only what moves is looked at and hashed.
+    ///
+    /// # Errors
+    /// If one of the places is not finite.
+    ///
+    /// # Panics
+    /// If there are no such rows, or more or fewer places than vertices in them.
+    pub fn with_moved(
+        &self,
+        rows: &[Range<u32>],
+        places: &[Point3<f64>],
+    ) -> Result<Self, MeshError> {
+        if let Some(bad) = super::points::first_not_finite(places) {
+            let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
+            return Err(MeshError::NotFinite { vertex });
+        }
+        let mut mesh = Self { positions: self.positions.with_rows(rows, places), ..self.clone() };
+        mesh.vertex.remove("normal");
+        mesh.corner.remove("normal");
+        Ok(mesh)
     }
 
     /// The same mesh with an attribute per vertex.

@@ -121,6 +121,16 @@ FAULTS = [
          "stamp == self.stamp && ",
          "stamp.size == self.stamp.size && "),
     ]),
+    ("whether a node had the same parameters when it gave what is updated", [
+        ("src/eval/compute.rs",
+         "before.parts.recipe.identity != parts.recipe.identity",
+         "before.parts.recipe.kind != parts.recipe.kind"),
+    ]),
+    ("whether the values before are those of which a node made what is updated", [
+        ("src/eval/compute.rs",
+         "values.get(link.output).filter(|value| value.hash() == *hash).cloned()",
+         "values.get(link.output).filter(|value| value.hash() == *hash || true).cloned()"),
+    ]),
     ("the checksum of a file of the cache", [
         ("src/eval/disk/seal.rs",
          "if seal(path, &bytes[..length])[..] != bytes[length..] {",

@@ -1,5 +1,6 @@
 //! The limit of a mesh that a primal scheme has refined: rows for its few odd vertices, fixed masks for the others.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use maquette::memory::huge_vec;
@@ -7,7 +8,7 @@ use maquette::parallel::*;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
-use super::limit_rows::complete_normals;
+use super::limit_rows::{complete_normals, side_normals, vertex_normal};
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::Sharpness;
@@ -81,6 +82,65 @@ impl FinerLimit {
         let (mesh, tangents) = (&self.level.mesh, (&self.tangents, &self.sides[..]));
         complete_normals(&mut normals, &limit, control, mesh, &self.level.odd, tangents);
         limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+
+    /// What [`apply`](Self::apply) makes of a mesh, made of what it made, `limit`, where others than the vertices in these rows have gone to
+    /// the same places. Of `control`, the places before, those of the rows and around them must be there. None if a place is not finite.
+    pub(crate) fn follow(
+        &self,
+        rows: &[Range<u32>],
+        control: &[Point3<f64>],
+        limit: &Mesh,
+    ) -> Option<Mesh> {
+        let Level { mesh, odd, .. } = &*self.level;
+        let item = |vertex: u32| odd.binary_search_by_key(&vertex, |odd| odd[0]).ok();
+        let vertices = Vec::from_iter(rows.iter().cloned().flatten());
+        let each = || vertices.par_iter().with_min_len(BLOCK);
+        let made = each().map(|&vertex| match item(vertex) {
+            Some(item) => (self.positions.apply_row(item, control), Vector3::zeros()),
+            None => self.regular(control, vertex as usize),
+        });
+        let (places, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) = made.unzip();
+        let moved = limit.with_moved(rows, &places).ok()?;
+        let completed = each().zip(&normals).map_init(Vec::new, |faces, (&vertex, &normal)| {
+            let normal = match item(vertex) {
+                Some(item) => {
+                    let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
+                    let fallback = vertex_normal(&moved, mesh, odd[item][1], faces);
+                    side_normals(&self.tangents, rows, control, fallback)
+                }
+                None if normal == Vector3::zeros() => {
+                    vertex_normal(&moved, mesh, self.start(vertex as usize), faces)
+                }
+                None => normal,
+            };
+            normal.into()
+        });
+        let normals: Vec<[f64; 3]> = completed.collect();
+        let normals = limit.vertex().vectors("normal")?.with_rows(rows, &normals);
+        moved.with_vertex("normal", Attribute::Vector(normals)).ok()
+    }
+
+    /// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
+    fn regular(&self, control: &[Point3<f64>], vertex: usize) -> (Point3<f64>, Vector3<f64>) {
+        let level = &*self.level;
+        let [place, first, second] = match level.rules.scheme {
+            PrimalScheme::Loop => {
+                box_spline(level, control, vertex, &level.ring_of(vertex, Triangles))
+            }
+            PrimalScheme::CatmullClark => {
+                b_spline(level, control, vertex, &level.ring_of(vertex, Corners))
+            }
+        };
+        (place.into(), first.cross(&second).try_normalize(0.0).unwrap_or_default())
+    }
+
+    /// A half-edge from a regular vertex.
+    fn start(&self, vertex: usize) -> u32 {
+        match self.level.rules.scheme {
+            PrimalScheme::Loop => self.level.ring_of(vertex, Triangles)[0],
+            PrimalScheme::CatmullClark => self.level.ring_of(vertex, Corners)[0],
+        }
     }
 
     /// How many bytes it holds.

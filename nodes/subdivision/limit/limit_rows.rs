@@ -166,7 +166,7 @@ pub(crate) fn complete_normals(
 }
 
 /// What [`Mesh::vertex_normals`] has for the vertex from which `start` runs.
-fn vertex_normal(
+pub(crate) fn vertex_normal(
     limit: &Mesh,
     mesh: &Connectivity,
     start: u32,

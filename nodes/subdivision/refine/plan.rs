@@ -1,9 +1,11 @@
 //! What of a subdivision depends on topology alone, and its products.
 
 use maquette::value::{Attribute, Mesh};
-use maquette::{Limit as Most, Progress, Value};
+use maquette::{Cancelled, Limit as Most, Progress, Value};
 
 use super::live::Live;
+use super::local::Front;
+use super::primal::Primal;
 use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
 use super::topology::Topology;
@@ -106,6 +108,48 @@ impl Plan {
             refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
         }
         Ok(refined)
+    }
+
+    /// What [`apply_within`](Self::apply_within) makes of `mesh`, made of what it made, `refined`, of a mesh that differs at most in the
+    /// places of the vertices that have `moved`, in its picture and its frame. None if only the whole product can tell.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(crate) fn follow(
+        &self,
+        mesh: &Mesh,
+        moved: &[u32],
+        refined: &Mesh,
+        progress: &Progress<'_>,
+    ) -> Result<Option<Mesh>, Cancelled> {
+        let has_border = self.how.boundary != Boundary::None;
+        let steps = self.primal_steps().filter(|_| has_border).unwrap_or_default();
+        let Some((last, before)) = steps.split_last() else { return Ok(None) };
+        let front = |wider| Front::new(mesh.faces(), mesh.positions(), moved, wider);
+        // A place that is not finite is told of by the whole product.
+        let followed = match &self.limit {
+            None => {
+                let mut front = front(0);
+                front.take(before, progress)?;
+                let (rows, places) = front.end(last);
+                refined.with_moved(&rows, &places).ok()
+            }
+            Some(EndLimit::Refined(limit)) => {
+                // Normals may be those of the faces around.
+                let mut front = front(1);
+                front.take(&steps, progress)?;
+                limit.follow(front.core(), front.places(), refined)
+            }
+            Some(EndLimit::Control(_)) => None,
+        };
+        Ok(followed.map(|followed| {
+            followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied())
+        }))
+    }
+
+    /// Its steps, if the scheme is primal.
+    pub(crate) fn primal_steps(&self) -> Option<Vec<&Primal>> {
+        self.steps.iter().map(Step::primal).collect()
     }
 
     /// The vertices after the last step, which follow those of `mesh` one by one; before they go on to the limit, and before what

@@ -1,5 +1,6 @@
 //! One step of a primal scheme, Loop's or Catmull's and Clark's: what of it depends on topology alone, and its products.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use maquette::memory::huge_vec;
@@ -211,6 +212,77 @@ impl Primal {
             Ok(crease) => self.stencils.point(odd.len() + crease, column),
             Err(_) => kind.on_edge(mesh, mesh.corners(), halves, old, in_faces),
         }
+    }
+
+    /// Writes the places of some new vertices in a row, all at old ones or all on edges, with the same bits as [`Self::positions`] gives
+    /// them, from the old vertices and the new ones in the faces around.
+    pub(crate) fn write_row(
+        &self,
+        row: Range<u32>,
+        old: &[Point3<f64>],
+        in_faces: &[Point3<f64>],
+        to: &mut [Point3<f64>],
+    ) {
+        match self.level.rules.scheme {
+            PrimalScheme::Loop => self.write(row, old, in_faces, to, (Triangles, &ThreeSided)),
+            PrimalScheme::CatmullClark => match self.level.mesh.faces.sides() {
+                Some(4) => self.write(row, old, in_faces, to, (Corners, &Quads)),
+                _ => self.write(row, old, in_faces, to, (Corners, &self.level.mesh)),
+            },
+        }
+    }
+
+    fn write<K: RegularRules>(
+        &self,
+        row: Range<u32>,
+        old: &[Point3<f64>],
+        in_faces: &[Point3<f64>],
+        to: &mut [Point3<f64>],
+        (kind, walk): (K, &impl Walk),
+    ) {
+        let Level { mesh, creases, odd, .. } = &*self.level;
+        let (corners, kept) = (mesh.corners(), old.len() as u32);
+        let column = |column: u32| match old.get(column as usize) {
+            Some(point) => *point,
+            None => in_faces[column as usize - old.len()],
+        };
+        let Some(first) = row.start.checked_sub(kept) else {
+            let first = odd.partition_point(|odd| odd[0] < row.start);
+            let mut odd = (first..).zip(&odd[first..]).peekable();
+            for (vertex, to) in row.zip(to) {
+                if let Some((item, _)) = odd.next_if(|(_, odd)| odd[0] == vertex) {
+                    *to = self.stencils.point(item, column);
+                    continue;
+                }
+                let halves = self.level.ring_of(vertex as usize, kind);
+                let halves = &halves[..K::VALENCE];
+                let neighbors =
+                    halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
+                let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
+                *to = kind.regular(old[vertex as usize], neighbors, faces);
+            }
+            return;
+        };
+        let edges = first..row.end - kept;
+        for (to, &halves) in to.iter_mut().zip(&mesh.halves[first as usize..edges.end as usize]) {
+            *to = kind.on_edge(walk, corners, halves, old, in_faces);
+        }
+        let [from, end] =
+            [edges.start, edges.end].map(|edge| creases.partition_point(|crease| crease.0 < edge));
+        for item in from..end {
+            let place = (creases[item].0 - first) as usize;
+            to[place] = self.stencils.point(odd.len() + item, column);
+        }
+    }
+
+    /// Whether there are new vertices in faces.
+    pub(crate) fn has_middles(&self) -> bool {
+        self.level.rules.scheme.has_middles()
+    }
+
+    /// The middle of a face.
+    pub(crate) fn centroid(&self, face: u32, old: &[Point3<f64>]) -> Point3<f64> {
+        centroid(&self.level.mesh.faces, face as usize, old)
     }
 
     /// The centroids of the faces, as far as there is place for them.

@@ -2,6 +2,7 @@
 //!
 //! Applying a step adds the terms of each new place in a fixed order, so that the result is the same for any number of threads.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use maquette::value::{Attribute, Encoder, Faces, Mesh, MeshError};
@@ -208,6 +209,20 @@ impl LastLimit {
     /// The same, as [`maquette::Context::memo`] wants it.
     pub(crate) fn memo(step: &Step) -> Result<Self, Error> {
         Ok(Self::new(step)?)
+    }
+
+    /// What [`apply`](Self::apply) makes of a mesh, made of what it made, `limit`, where others than the vertices in these rows have gone to
+    /// the same places; none if all must be computed.
+    pub(crate) fn follow(
+        &self,
+        rows: &[Range<u32>],
+        control: &[Point3<f64>],
+        limit: &Mesh,
+    ) -> Option<Mesh> {
+        match &self.limit {
+            KindOfLimit::Primal(own) => own.follow(rows, control, limit),
+            KindOfLimit::Dual(_) => None,
+        }
     }
 
     /// The same mesh with its vertices on the limit surface, and the attribute `normal`.

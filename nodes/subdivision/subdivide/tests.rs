@@ -9,6 +9,7 @@ use crate::{Boundary, Corners, Creases, Scheme};
 mod creases;
 mod limit_surface;
 mod live;
+mod local;
 mod polygons;
 mod shapes;
 

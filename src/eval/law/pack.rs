@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
-use crate::node::{Context, FilePath, In, Node, node};
+use crate::node::{Context, FilePath, In, Node, Previous, node};
 use crate::pack::Pack;
 use crate::value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 
@@ -53,6 +53,20 @@ impl Node for Add {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let amounts = (1..).zip(&self.of).map(|(times, of)| times * cx.get(of).0);
         Ok((Amount(amounts.sum::<u64>() + self.plus),))
+    }
+
+    /// Adds by how much the amounts have grown, so that it is wrong if anything else has changed.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let Some(Amount(before)) = previous.output(0) else { return Ok(None) };
+        let growth = (1..).zip(&self.of).map(|(times, of): (u64, _)| {
+            let [now, then] = [cx.get(of).0, previous.get(of).0];
+            now.wrapping_sub(then).wrapping_mul(times)
+        });
+        Ok(Some((Amount(growth.fold(*before, u64::wrapping_add)),)))
     }
 }
 

@@ -1,0 +1,172 @@
+//! What does a local change cost? The doll's nose grows by a millimeter under four levels of subdivision, some 5 million faces; then a
+//! share of the vertices under them is moved. With two threads, everything in memory, beside what it costs to make all anew.
+//!
+//! At most 40 ms for the nose.
+
+#![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use maquette::value::Mesh;
+use maquette::{
+    AnyValue, Carry, Catalog, Checked, Context, Error, Evaluator, Fate, Graph, In, Node, Options,
+    Pack, node,
+};
+use maquette_nodes::subdivision::{Plan, Scheme, Subdivision};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// Each time is the median of so many.
+const SAMPLES: usize = 11;
+
+/// Moves the first vertices of a mesh.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Push {
+    /// The mesh.
+    mesh: In<Mesh>,
+    /// The share of its vertices that is moved.
+    share: f64,
+    /// How far along z.
+    by: f64,
+}
+
+impl Node for Push {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mesh = cx.get(&self.mesh);
+        let count = (mesh.positions().len() as f64 * self.share) as usize;
+        let mut places = mesh.positions().to_vec();
+        places[..count].iter_mut().for_each(|place| place.z += self.by);
+        Ok((mesh.with_positions(places)?,))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "bench",
+    nodes: &[node::<Push>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+    recipes: &[],
+};
+
+fn load(path: &Path, parameters: &[(&str, f64)]) -> Graph {
+    let mut packs = maquette_nodes::PACKS.to_vec();
+    packs.push(&PACK);
+    let set = parameters.iter().map(|(name, value)| ((*name).to_owned(), format!("{value:?}")));
+    let set = set.chain([("levels".to_owned(), "4".to_owned())]).collect();
+    let Checked { graph, problems, .. } =
+        Graph::load(path, &Catalog::new(&packs), &Options { set, ..Options::default() });
+    graph.unwrap_or_else(|| panic!("{}", problems[0].message))
+}
+
+/// The doll's graph with a node that moves vertices of the grid.
+fn project() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    fs::create_dir(folder.path().join("doll")).expect("a folder");
+    for name in ["doll/color.png", "doll/range.pcd", "doll/camera.json"] {
+        fs::copy(Path::new(GRAPHS).join(name), folder.path().join(name)).expect("a copy");
+    }
+    let text = fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).expect("the graph");
+    let pushed = "\"pushed\": Push(mesh: \"grid\", share: Param(\"share\"), by: Param(\"by\")),\n";
+    let text = text
+        .replace(
+            "\"skin\": Subdivide(mesh: \"grid\"",
+            &format!("{pushed}\"skin\": Subdivide(mesh: \"pushed\""),
+        )
+        .replace(
+            "params: {",
+            "params: { \"share\": Number(default: 0.0), \"by\": Number(default: 0.0),",
+        );
+    let path = folder.path().join("doll.ron");
+    fs::write(&path, text).expect("a file");
+    (folder, path)
+}
+
+fn median(mut times: Vec<f64>) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn evaluator() -> Evaluator {
+    Evaluator::new(2, 4 << 30).expect("threads")
+}
+
+/// Milliseconds from a changed parameter to the model; and of each node alone.
+fn changes(evaluator: &mut Evaluator, graphs: &[Graph]) -> (f64, Vec<(String, f64)>) {
+    let mut nodes: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut times = Vec::new();
+    for (index, graph) in graphs.iter().enumerate() {
+        let start = Instant::now();
+        let evaluation = evaluator.evaluate_nodes(graph, &["model"]);
+        if index > 0 {
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+            for node in evaluation.trace().0 {
+                match nodes.iter_mut().find(|(name, _)| *name == node.name) {
+                    Some((_, times)) => times.push(node.seconds * 1e3),
+                    None => nodes.push((node.name, vec![node.seconds * 1e3])),
+                }
+            }
+        }
+    }
+    let nodes = nodes.into_iter().map(|(name, times)| (name, median(times)));
+    (median(times), nodes.filter(|(_, time)| *time >= 0.05).collect())
+}
+
+fn mesh<'v>(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
+    let evaluation = evaluator.evaluate_nodes(graph, &[node]);
+    let mesh = evaluation.find(graph, node, "").and_then(AnyValue::get::<Mesh>);
+    mesh.cloned().expect("a mesh")
+}
+
+fn main() {
+    let (_folder, path) = project();
+    println!("local change of the doll, levels 4; two threads, medians of {SAMPLES}");
+
+    let grown = |k: usize| load(&path, &[("growth", 12.0 + k as f64)]);
+    let graphs = Vec::from_iter((0..=SAMPLES).map(grown));
+    let mut own = evaluator();
+    let (time, nodes) = changes(&mut own, &graphs);
+    let skin = mesh(&mut own, &graphs[SAMPLES], "model");
+    println!("growth by a millimeter: {time:.1} ms, {} faces", skin.faces().len());
+    nodes.iter().for_each(|(name, time)| println!("    {name:8} {time:6.1} ms"));
+    let alone = mesh(&mut evaluator(), &graphs[SAMPLES], "model");
+    assert!(
+        maquette::hash_of(&skin) == maquette::hash_of(&alone),
+        "other bytes than without memory"
+    );
+    drop((own, skin, alone));
+
+    println!("share moved   followed   positions anew, with their hash");
+    let how: Subdivision =
+        serde_json::from_value(serde_json::json!({ "scheme": Scheme::Loop, "levels": 4 }))
+            .expect("parameters");
+    for share in [0.001, 0.01, 0.03, 0.1, 0.3, 1.0] {
+        let pushed = |k: usize| load(&path, &[("share", share), ("by", 0.01 * k as f64)]);
+        let graphs = Vec::from_iter((0..=SAMPLES).map(pushed));
+        let mut own = evaluator();
+        let (time, _) = changes(&mut own, &graphs);
+        let skin = mesh(&mut own, &graphs[SAMPLES], "skin");
+        let pushed = mesh(&mut own, &graphs[SAMPLES], "pushed");
+        drop(own);
+        let plan = Plan::new(&pushed, how).expect("a surface");
+        let evaluator = evaluator();
+        let anew = |_| {
+            let start = Instant::now();
+            let refined = evaluator.install(|| AnyValue::new(plan.apply(&pushed).expect("a mesh")));
+            (start.elapsed().as_secs_f64() * 1e3, refined.hash())
+        };
+        let anew = Vec::from_iter((0..SAMPLES).map(anew));
+        assert!(anew[0].1 == AnyValue::new(skin).hash(), "other bytes than without memory");
+        let anew = median(anew.iter().map(|(time, _)| *time).collect());
+        println!("{:9.1} %   {time:5.1} ms   {anew:5.1} ms", share * 100.0);
+    }
+}
