@@ -75,9 +75,9 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// Whatever is wrong with the inputs; the message says what, not where.
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error>;
 
-    /// What [`eval`](Self::eval) gives, made of what it gave for other inputs: the very bytes, and the same warnings. For nodes that
-    /// little has to be done by where little has changed; none where nothing is gained, so that `eval` is asked. Only a node that gives
-    /// something for unchanged inputs is held to this by [`conformance`](crate::conformance).
+    /// What [`eval`](Self::eval) gives, made of what it gave for other inputs: the very bytes, and the same warnings. For nodes that have
+    /// little to do where little has changed; none where nothing is gained, so that `eval` is asked. A node that gives something for
+    /// unchanged inputs is held to this by [`conformance`](crate::conformance).
     ///
     /// # Errors
     /// Those of `eval`.

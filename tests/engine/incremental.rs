@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use expect_test::{Expect, expect};
-use maquette::{CancelToken, Catalog, Evaluation, Evaluator, Graph, Options, State};
+use maquette::{AnyValue, CancelToken, Catalog, Evaluation, Evaluator, Graph, Options, State};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
 
@@ -110,6 +110,20 @@ fn a_parameter_changed_and_changed_back_runs_nothing() {
     session.run(&[("growth", "20.0")]);
     let back = session.run(&[]);
     assert_eq!(back.trace().count(State::Cached), back.trace().0.len());
+}
+
+#[test]
+fn what_is_made_of_the_values_before_has_the_same_bytes() {
+    let mut session = Session::new(2);
+    for growth in ["12.0", "13.0", "13.5"] {
+        let graph = session.load(&[("growth", growth), ("levels", "2")]);
+        let hash = |evaluator: &mut Evaluator| {
+            let evaluation = evaluator.evaluate_all(&graph);
+            evaluation.find(&graph, "model", "").map(AnyValue::hash)
+        };
+        let followed = hash(&mut session.evaluator);
+        assert!(followed.is_some() && followed == hash(&mut Session::new(2).evaluator), "{growth}");
+    }
 }
 
 #[test]

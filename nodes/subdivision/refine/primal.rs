@@ -269,9 +269,8 @@ impl Primal {
         }
         let [from, end] =
             [edges.start, edges.end].map(|edge| creases.partition_point(|crease| crease.0 < edge));
-        for item in from..end {
-            let place = (creases[item].0 - first) as usize;
-            to[place] = self.stencils.point(odd.len() + item, column);
+        for (item, (edge, _)) in (from..).zip(&creases[from..end]) {
+            to[(edge - first) as usize] = self.stencils.point(odd.len() + item, column);
         }
     }
 
