@@ -121,7 +121,7 @@ fn changes(evaluator: &mut Evaluator, graphs: &[Graph]) -> (f64, Vec<(String, f6
     (median(times), nodes.filter(|(_, time)| *time >= 0.05).collect())
 }
 
-fn mesh<'v>(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
+fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     let evaluation = evaluator.evaluate_nodes(graph, &[node]);
     let mesh = evaluation.find(graph, node, "").and_then(AnyValue::get::<Mesh>);
     mesh.cloned().expect("a mesh")
