@@ -54,7 +54,9 @@ fn what_follows_the_mesh_refined_before_has_the_bits_of_the_whole_product() {
                 let how = with(scheme, levels, limit, Boundary::EdgeAndCorner);
                 let plan = plan(mesh, Subdivision { corners, ..how });
                 let refined = plan.apply(mesh).unwrap();
-                for vertex in (0..mesh.positions().len()).step_by(mesh.positions().len() / 6) {
+                for vertex in
+                    (0..mesh.positions().len()).step_by(mesh.positions().len().div_ceil(6))
+                {
                     let mut places = mesh.positions().to_vec();
                     places[vertex].x += 0.25;
                     places[vertex / 2].z -= 0.125;
