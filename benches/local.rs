@@ -1,4 +1,4 @@
-//! What does a local change cost? The doll's nose grows by a millimeter under four levels of subdivision, some 5 million faces; then a
+//! What does a local change cost? The doll's nose grows by a millimeter under four levels of subdivision, some 10 million faces; then a
 //! share of the vertices under them is moved. With two threads, everything in memory, beside what it costs to make all anew.
 //!
 //! At most 40 ms for the nose.
