@@ -415,8 +415,8 @@ class Run:
 
         What a file cannot tell of its value is a warning. Raises GraphError if a file cannot be written; what was there stays.
         """
-        written, told = self._found.write(folder, self._graph.path)
-        told = problems(told)
+        written, found = self._found.write(folder, self._graph.path)
+        told = problems(found)
         if any(problem.severity == "error" for problem in told):
             raise GraphError(told, self)
         for problem in told:
