@@ -127,7 +127,16 @@ fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     mesh.cloned().expect("a mesh")
 }
 
+/// Has a virtual machine ask its host for memory now, as it does where memory is used for the first time since it was started; and the
+/// allocator keep it as it does in the program.
+fn warm_up() {
+    maquette::memory::keep_freed();
+    let mut memory: Vec<u8> = maquette::memory::huge_vec(6 << 30);
+    memory.iter_mut().step_by(4096).for_each(|byte| *byte = 1);
+}
+
 fn main() {
+    warm_up();
     let (_folder, path) = project();
     println!("local change of the doll, levels 4; two threads, medians of {SAMPLES}");
 
