@@ -76,7 +76,9 @@ fn project() -> (tempfile::TempDir, PathBuf) {
         fs::copy(Path::new(GRAPHS).join(name), folder.path().join(name)).expect("a copy");
     }
     let text = fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).expect("the graph");
-    let pushed = "\"pushed\": Push(mesh: \"grid\", share: Param(\"share\"), by: Param(\"by\")),\n";
+    let pushed = "\"pushed\": Push(mesh: \"grid\", share: Param(\"share\"), by: Param(\"by\")),\n\
+        \"pulled\": Ffd(mesh: \"skin\", mode: Displacement, space: Box, background: 0.1, accuracy: 0.00001, handles: [\n\
+            (at: (0.5, 0.6, 0.9), to: (0.5, 0.6, Param(\"pull\")), sigma: (0.03, 0.03, 0.03))]),\n";
     let text = text
         .replace(
             "\"skin\": Subdivide(mesh: \"grid\"",
@@ -84,7 +86,7 @@ fn project() -> (tempfile::TempDir, PathBuf) {
         )
         .replace(
             "params: {",
-            "params: { \"share\": Number(default: 0.0), \"by\": Number(default: 0.0),",
+            "params: { \"share\": Number(default: 0.0), \"by\": Number(default: 0.0), \"pull\": Number(default: 1.0),",
         );
     let path = folder.path().join("doll.ron");
     fs::write(&path, text).expect("a file");
@@ -101,12 +103,12 @@ fn evaluator() -> Evaluator {
 }
 
 /// Milliseconds from a changed parameter to the model; and of each node alone.
-fn changes(evaluator: &mut Evaluator, graphs: &[Graph]) -> (f64, Vec<(String, f64)>) {
+fn changes(evaluator: &mut Evaluator, graphs: &[Graph], target: &str) -> (f64, Vec<(String, f64)>) {
     let mut nodes: Vec<(String, Vec<f64>)> = Vec::new();
     let mut times = Vec::new();
     for (index, graph) in graphs.iter().enumerate() {
         let start = Instant::now();
-        let evaluation = evaluator.evaluate_nodes(graph, &["model"]);
+        let evaluation = evaluator.evaluate_nodes(graph, &[target]);
         if index > 0 {
             times.push(start.elapsed().as_secs_f64() * 1e3);
             for node in evaluation.trace().0 {
@@ -143,7 +145,7 @@ fn main() {
     let grown = |k: usize| load(&path, &[("growth", 12.0 + k as f64)]);
     let graphs = Vec::from_iter((0..=SAMPLES).map(grown));
     let mut own = evaluator();
-    let (time, nodes) = changes(&mut own, &graphs);
+    let (time, nodes) = changes(&mut own, &graphs, "model");
     let skin = mesh(&mut own, &graphs[SAMPLES], "model");
     println!("growth by a millimeter: {time:.1} ms, {} faces", skin.faces().len());
     nodes.iter().for_each(|(name, time)| println!("    {name:8} {time:6.1} ms"));
@@ -152,7 +154,16 @@ fn main() {
         maquette::hash_of(&skin) == maquette::hash_of(&alone),
         "other bytes than without memory"
     );
-    drop((own, skin, alone));
+    drop((skin, alone));
+
+    let pulled = |k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)]);
+    let graphs = Vec::from_iter((0..=SAMPLES).map(pulled));
+    let (time, _) = changes(&mut own, &graphs, "pulled");
+    let [skin, pulled] = ["skin", "pulled"].map(|node| mesh(&mut own, &graphs[SAMPLES], node));
+    let pairs = skin.positions().iter().zip(pulled.positions().iter());
+    let moved = pairs.filter(|(skin, pulled)| skin != pulled).count();
+    println!("handle of an FFD by a hundredth of the box: {time:.1} ms, {moved} vertices moved");
+    drop((own, skin, pulled));
 
     println!("share moved   followed   positions anew, with their hash");
     let how: Subdivision =
@@ -162,7 +173,7 @@ fn main() {
         let pushed = |k: usize| load(&path, &[("share", share), ("by", 0.01 * k as f64)]);
         let graphs = Vec::from_iter((0..=SAMPLES).map(pushed));
         let mut own = evaluator();
-        let (time, _) = changes(&mut own, &graphs);
+        let (time, _) = changes(&mut own, &graphs, "model");
         let skin = mesh(&mut own, &graphs[SAMPLES], "skin");
         let pushed = mesh(&mut own, &graphs[SAMPLES], "pushed");
         drop(own);

@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::ffd_error::FfdError;
 use super::free_form::drag::{self, Drag};
 use super::free_form::object::{bounds, points};
-use super::free_form::pull::{Deforming, deform, prepared};
+use super::free_form::pull::{Deforming, column, deform, prepared};
+use super::free_form::reach::{Boxes, Places};
 use super::gaussian::layout::Bounds;
 use super::gaussian::system::System;
 use super::mode::Mode;
@@ -82,17 +83,20 @@ impl Node for Ffd {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let what = cx.get(&self.mesh);
+        let boxes = self.how.ends().then(|| cx.memo(&Places(column(&what)), Boxes::memo));
+        let boxes = boxes.transpose()?;
+        let own = || boxes.as_ref().map_or_else(|| bounds(&what), Boxes::around);
         let frame = self.frame.as_ref().and_then(|frame| bounds(&cx.get(frame)));
-        let Some(frame) = frame.or_else(|| bounds(&what)) else { return Ok((what,)) };
+        let Some(frame) = frame.or_else(own) else { return Ok((what,)) };
         let how = Deforming { frame: Some(frame), ..self.how };
         let layout = self.layout.as_ref().map(|layout| cx.get(layout));
         let handles = self.all_handles(layout, frame)?;
-        let (deformed, report) = if self.targets.is_empty() {
-            let prepared = prepared(&handles, frame, self.mode, how)?;
+        let targets = self.targets_in_world(frame)?;
+        let (deformed, report) = if targets.is_empty() || how.ends() {
+            let prepared = prepared(&handles, frame, self.mode, how)?.aimed(&targets, |_| true)?;
             let system = |layout: &_| cx.memo(layout, System::memo);
-            deform(&what, &prepared, how, system, cx.progress())?
+            deform(&what, &prepared, how, boxes.as_ref(), system, cx.progress())?
         } else {
-            let targets = self.targets_in_world(frame)?;
             let dragged = Vec::from_iter(targets.iter().map(|(handle, _)| *handle));
             let system = |layout: &_| cx.memo(layout, System::memo);
             let keep = |part: &_| cx.memo(part, drag::memo);

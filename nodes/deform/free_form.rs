@@ -3,4 +3,5 @@
 pub(super) mod drag;
 pub(super) mod object;
 pub(super) mod pull;
+pub(super) mod reach;
 pub(super) mod report;

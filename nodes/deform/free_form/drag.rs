@@ -115,13 +115,7 @@ impl Drag {
         targets: &[(usize, Point3<f64>)],
         progress: &Progress<'_>,
     ) -> Result<(Movable, Report), FfdError> {
-        let mut now = self.prepared.clone();
-        for &(handle, to) in targets {
-            let place = self.prepared.place(handle)?;
-            if self.dragged.contains(&place) {
-                now.to[place] = to;
-            }
-        }
+        let now = self.prepared.clone().aimed(targets, |place| self.dragged.contains(&place))?;
         if now.rests() {
             return Ok((self.what.clone(), Report { merged: now.merged, ..Report::NOTHING }));
         }
@@ -173,6 +167,21 @@ impl Drag {
 }
 
 impl Prepared {
+    /// The same with these targets in place of those of its handles, where they may be others.
+    pub(crate) fn aimed(
+        mut self,
+        targets: &[(usize, Point3<f64>)],
+        may_be_other: impl Fn(usize) -> bool,
+    ) -> Result<Self, FfdError> {
+        for &(handle, to) in targets {
+            let place = self.place(handle)?;
+            if may_be_other(place) {
+                self.to[place] = to;
+            }
+        }
+        Ok(self)
+    }
+
     /// Which of the layout's handles this one became.
     fn place(&self, handle: usize) -> Result<usize, FfdError> {
         let handles = self.places.len();

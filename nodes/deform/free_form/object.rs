@@ -6,7 +6,7 @@ use maquette::value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
 
 use crate::FfdError;
-use crate::gaussian::field::{Field, Wanted, turned};
+use crate::gaussian::field::{Field, Wanted, spread, turned};
 use crate::gaussian::layout::Bounds;
 use maquette_mesh::Movable;
 
@@ -31,20 +31,30 @@ const CHUNK: usize = 32768;
 
 /// The box around the points that are there.
 pub(crate) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
-    let of_chunk = |points: &[Point3<f64>]| {
-        let mut found = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        widest(Span { points, found: &mut found });
-        found.map(Vector3::from)
-    };
-    let chunks: Vec<[Vector3<f64>; 2]> = points.par_chunks(CHUNK).map(of_chunk).collect();
-    let [low, high] = chunks.into_iter().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
+    let chunks: Vec<Ends> = points.par_chunks(CHUNK).map(ends_of).collect();
+    around(&chunks)
+}
+
+/// The lowest and the highest coordinates of some points: infinite ones where there are none.
+pub(crate) type Ends = [[f64; 3]; 2];
+
+pub(crate) fn ends_of(points: &[Point3<f64>]) -> Ends {
+    let mut found = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    widest(Span { points, found: &mut found });
+    found
+}
+
+/// The box around all points between these ends.
+pub(crate) fn around(ends: &[Ends]) -> Option<Bounds> {
+    let ends = ends.iter().map(|ends| ends.map(Vector3::from));
+    let [low, high] = ends.reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
     (low.x <= high.x).then(|| (low.into(), high.into()))
 }
 
 /// The lowest and the highest coordinates of some points; those that are no numbers are passed over.
 struct Span<'a> {
     points: &'a [Point3<f64>],
-    found: &'a mut [[f64; 3]; 2],
+    found: &'a mut Ends,
 }
 
 impl Kernel for Span<'_> {
@@ -89,6 +99,10 @@ pub(crate) fn wanted(what: &Movable) -> Wanted<'_> {
 
 /// The object with its points moved.
 pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError> {
+    let field = match what {
+        Movable::Mesh(_) => field,
+        _ => field.of_all(points(what), wanted(what).normals),
+    };
     Ok(match what {
         Movable::Mesh(mesh) => Movable::Mesh(mesh_of(mesh, field)?),
         Movable::Points(points) => Movable::Points(points_of(points, field)?),
@@ -116,9 +130,17 @@ pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError>
 }
 
 fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
-    let mut moved = mesh.with_positions(field.positions)?.without("folded");
-    if !field.normals.is_empty() {
-        moved = moved.with_vertex("normal", Attribute::Vector(field.normals.into()))?;
+    let given = mesh.vertex().vectors("normal");
+    let (moved, normals) = match &field.rows {
+        Some(rows) => {
+            let normals = given.map(|given| given.with_rows(rows, &field.normals));
+            (mesh.with_moved(rows, &field.positions)?, normals)
+        }
+        None => (mesh.with_positions(field.positions)?, given.map(|_| field.normals.into())),
+    };
+    let mut moved = moved.without("folded");
+    if let Some(normals) = normals {
+        moved = moved.with_vertex("normal", Attribute::Vector(normals))?;
     }
     if let Some(normals) = mesh.corner().vectors("normal") {
         let corners = mesh.faces().corners().iter().zip(normals.iter());
@@ -127,7 +149,9 @@ fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
         moved = moved.with_corner("normal", Attribute::Vector(turned.collect()))?;
     }
     if field.folded.contains(&1) {
-        moved = moved.with_vertex("folded", Attribute::Flag(field.folded.into()))?;
+        let none = || vec![0; mesh.positions().len()];
+        let folded = spread(field.rows.as_deref(), field.folded, none);
+        moved = moved.with_vertex("folded", Attribute::Flag(folded.into()))?;
     }
     Ok(moved)
 }

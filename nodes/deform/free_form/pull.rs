@@ -1,5 +1,7 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
+use std::ops::Range;
+
 use maquette::value::{Column, Handles};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -7,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::object::{bounds, points, rebuilt, wanted};
+use super::reach::{Boxes, gathered};
 use super::report::Report;
 use crate::ffd_error::FfdError;
 use crate::gaussian::cells::Cells;
@@ -31,7 +34,8 @@ pub struct Deforming {
     #[serde(default)]
     pub regularize: f64,
     /// How far a point may land from where it should, in diagonals of the box. With more than 0, handles too far from a point
-    /// to matter are left out, which is faster for small deviations; with 0 all of them count everywhere.
+    /// to matter are left out, which is faster for small deviations; with 0 all of them count everywhere. With a `background`, too,
+    /// what none of them moves farther than that stays exactly where it is, and a moved handle costs what it moves.
     #[schemars(range(min = 0.0, max = 0.001))]
     #[serde(default)]
     pub accuracy: f64,
@@ -61,7 +65,15 @@ pub fn ffd(
         return Ok((what.clone(), Report::NOTHING));
     };
     let prepared = prepared(handles, frame, mode, how)?;
-    deform(what, &prepared, how, System::new, progress)
+    let boxes = how.ends().then(|| Boxes::new(points(what)));
+    deform(what, &prepared, how, boxes.as_ref(), System::new, progress)
+}
+
+impl Deforming {
+    /// Whether the handles' pull ends somewhere, so that what is beyond stays to the bit.
+    pub(crate) fn ends(&self) -> bool {
+        self.background > 0.0 && self.accuracy > 0.0
+    }
 }
 
 /// The handles made ready, and the numbers checked.
@@ -77,11 +89,12 @@ pub(crate) fn prepared(
     prepare(handles, frame, mode, how.background, how.regularize)
 }
 
-/// Deforms with a system from `system`.
+/// Deforms with a system from `system`, where the pull [ends](Deforming::ends) with the `boxes` of the points.
 pub(crate) fn deform<E: From<FfdError>>(
     what: &Movable,
     prepared: &Prepared,
     how: Deforming,
+    boxes: Option<&Boxes>,
     system: impl FnOnce(&crate::gaussian::layout::Layout) -> Result<System, E>,
     progress: &Progress<'_>,
 ) -> Result<(Movable, Report), E> {
@@ -91,14 +104,15 @@ pub(crate) fn deform<E: From<FfdError>>(
     }
     let system = system(&prepared.layout)?;
     let deformation = deformation(prepared, &system);
-    let field = deformed_field(
-        &deformation,
-        points(what),
-        wanted(what),
-        how.accuracy * prepared.diagonal,
-        progress,
-    )
-    .map_err(FfdError::from)?;
+    let error = how.accuracy * prepared.diagonal;
+    let (points, wanted) = (points(what), wanted(what));
+    let reached =
+        boxes.filter(|_| !wanted.jacobians).map(|boxes| boxes.reached(&deformation, error));
+    let field = match reached {
+        Some(rows) => reached_field(&deformation, points, rows, wanted, error, progress),
+        None => deformed_field(&deformation, points, wanted, error, progress),
+    };
+    let field = field.map_err(FfdError::from)?;
     let report = report(prepared, &system, &deformation, &field);
     Ok((rebuilt(what, field)?, report))
 }
@@ -181,6 +195,24 @@ pub(crate) fn deformed_field(
     };
     let chunk = cells.as_ref().map_or(CHUNK, |cells| cells.chunk().max(CHUNK));
     field(points, chunk, wanted, &evaluate, progress)
+}
+
+/// A deformation on the points in these rows; the others stay.
+fn reached_field(
+    deformation: &Deformation,
+    points: &[Point3<f64>],
+    rows: Vec<Range<u32>>,
+    wanted: Wanted<'_>,
+    error: f64,
+    progress: &Progress<'_>,
+) -> Result<Field, Cancelled> {
+    let near = gathered(points, &rows);
+    let normals = wanted.normals.map(|normals| gathered(normals, &rows));
+    let wanted = Wanted { normals: normals.as_deref(), ..wanted };
+    let field = deformed_field(deformation, &near, wanted, error, progress)?;
+    let least =
+        if near.len() < points.len() && wanted.folds { field.least.min(1.0) } else { field.least };
+    Ok(Field { rows: Some(rows), least, ..field })
 }
 
 /// Cells that leave out what changes places by less than `error`; none where all terms are to count.

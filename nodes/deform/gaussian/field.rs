@@ -1,5 +1,7 @@
 //! A deformation on all points of an object: where they go, how their normals turn, where space is turned inside out.
 
+use std::ops::Range;
+
 use maquette::memory::huge_vec;
 use maquette::parallel::*;
 use maquette::{Cancelled, Progress};
@@ -23,6 +25,8 @@ pub(crate) struct Wanted<'a> {
 /// The deformed points; what was not wanted is empty.
 #[derive(Default)]
 pub(crate) struct Field {
+    /// Which points they are, if not all; the others stay.
+    pub(crate) rows: Option<Vec<Range<u32>>>,
     pub(crate) positions: Vec<Point3<f64>>,
     pub(crate) normals: Vec<[f64; 3]>,
     /// 1 where the determinant of the derivatives is not greater than 0.
@@ -48,6 +52,7 @@ pub(crate) fn field(
 ) -> Result<Field, Cancelled> {
     let count = |wanted: bool| if wanted { points.len() } else { 0 };
     let mut field = Field {
+        rows: None,
         positions: huge_vec(points.len()),
         normals: huge_vec(count(wanted.normals.is_some())),
         folded: huge_vec(count(wanted.folds)),
@@ -97,6 +102,36 @@ pub(crate) fn field(
         .collect();
     field.least = least?.into_iter().fold(f64::INFINITY, f64::min);
     Ok(field)
+}
+
+impl Field {
+    /// The same with all points, and their normals if these were wanted.
+    pub(crate) fn of_all(self, points: &[Point3<f64>], normals: Option<&[[f64; 3]]>) -> Self {
+        let rows = self.rows.as_deref();
+        Self {
+            positions: spread(rows, self.positions, || points.to_vec()),
+            normals: spread(rows, self.normals, || normals.unwrap_or_default().to_vec()),
+            folded: spread(rows, self.folded, || vec![0; points.len()]),
+            rows: None,
+            ..self
+        }
+    }
+}
+
+/// The items of all points, of which those in the rows become these, one row after the other.
+pub(crate) fn spread<T: Copy>(
+    rows: Option<&[Range<u32>]>,
+    items: Vec<T>,
+    all: impl FnOnce() -> Vec<T>,
+) -> Vec<T> {
+    let Some(rows) = rows else { return items };
+    let (mut all, mut rest) = (all(), &items[..]);
+    for row in rows {
+        let (items, behind) = rest.split_at(row.len().min(rest.len()));
+        all[row.start as usize..][..items.len()].copy_from_slice(items);
+        rest = behind;
+    }
+    all
 }
 
 /// The chunks of a list; nothing for each chunk of one that is not wanted.

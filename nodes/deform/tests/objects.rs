@@ -3,6 +3,7 @@
 use maquette::value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, RangeImage};
 
 use super::super::Drag;
+use super::super::free_form::object;
 use super::*;
 
 fn apply(what: &Movable, handles: &[Handle], (mode, how): (Mode, Deforming)) -> (Movable, Report) {
@@ -88,6 +89,38 @@ fn folds_are_counted_and_marked_and_their_marks_do_not_stay() {
     assert_eq!(flags.iter().filter(|flag| **flag == 1).count(), report.folded);
     let (calm, _) = apply(&folded, &pulled(0.01), how);
     assert_eq!(mesh_of(calm).vertex().get("folded"), None);
+}
+
+#[test]
+fn what_a_pull_does_not_reach_stays_to_the_bit() {
+    let sheet = sheet(100, -0.0);
+    let normals = sheet.vertex().get("normal").unwrap().clone();
+    let sheet = sheet.without("normal").with_vertex("normal", normals.clone()).unwrap();
+    let points = Points::new(sheet.positions().to_vec()).unwrap();
+    let points = points.with_attribute("normal", normals).unwrap();
+    let at = Point3::new(0.2, 0.3, 0.0);
+    for (step, folds) in [(0.01, false), (0.4, true)] {
+        let to = at + Vector3::new(step, 0.0, 0.01);
+        let handles = [handle(at, to, [0.02; 3])];
+        let exact = (Mode::Displacement, Deforming { background: 0.1, ..in_unit() });
+        let near = (exact.0, Deforming { accuracy: 1e-6, ..exact.1 });
+        for what in [Movable::Mesh(sheet.clone()), Movable::Points(points.clone())] {
+            let ((all, of_all), (some, of_some)) =
+                (apply(&what, &handles, exact), apply(&what, &handles, near));
+            let (at, to) = (object::points(&all), object::points(&some));
+            assert!(farthest(at, to) <= 1e-6 * 3_f64.sqrt());
+            let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
+            let rest = to.iter().zip(sheet.positions().iter());
+            let rest = rest.filter(|(to, at)| bits(to) == bits(at)).count();
+            assert!((6000..9900).contains(&rest), "{rest}");
+            let turned = [&all, &some].map(|what| object::wanted(what).normals.unwrap());
+            let off = turned[0].iter().zip(turned[1]);
+            let off = off.map(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm());
+            assert!(off.fold(0.0, f64::max) <= 1e-3);
+            assert_eq!((of_some.folded > 0, of_some.folded), (folds, of_all.folded));
+            assert!((of_some.least - of_all.least).abs() <= 1e-4);
+        }
+    }
 }
 
 fn pull() -> Vec<Handle> {
