@@ -11,8 +11,8 @@ use std::time::Instant;
 
 use maquette::value::Mesh;
 use maquette::{
-    AnyValue, Carry, Catalog, Checked, Context, Error, Evaluator, Fate, Graph, In, Node, Options,
-    Pack, node,
+    AnyValue, CancelToken, Carry, Catalog, Checked, Context, Error, Evaluator, Fate, Graph, In,
+    Node, Options, OutputFolder, Pack, Session, Settings, node,
 };
 use maquette_nodes::subdivision::{Plan, Scheme, Subdivision};
 use schemars::JsonSchema;
@@ -58,9 +58,12 @@ const PACK: Pack = Pack {
     recipes: &[],
 };
 
+fn packs() -> Vec<&'static Pack> {
+    maquette_nodes::PACKS.iter().copied().chain([&PACK]).collect()
+}
+
 fn load(path: &Path, parameters: &[(&str, f64)]) -> Graph {
-    let mut packs = maquette_nodes::PACKS.to_vec();
-    packs.push(&PACK);
+    let packs = packs();
     let set = parameters.iter().map(|(name, value)| ((*name).to_owned(), format!("{value:?}")));
     let set = set.chain([("levels".to_owned(), "4".to_owned())]).collect();
     let Checked { graph, problems, .. } =
@@ -123,6 +126,30 @@ fn changes(evaluator: &mut Evaluator, graphs: &[Graph], target: &str) -> (f64, V
     (median(times), nodes.filter(|(_, time)| *time >= 0.05).collect())
 }
 
+/// Prints how long it takes from a changed parameter to the written file.
+fn saved(path: &Path) {
+    let packs = packs();
+    let settings = Settings { threads: 2, memory: 4 << 30, ..Settings::in_memory() };
+    let mut session = Session::new(&packs, &settings).expect("threads");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let outputs = OutputFolder::new(Some(folder.path()), path);
+    let mut times = Vec::new();
+    for k in 0..=SAMPLES {
+        let graph = load(path, &[("growth", 12.0 + k as f64)]);
+        let start = Instant::now();
+        let only = ["model.ply".to_owned()];
+        let made = session.produce(&graph, &only, &outputs, &(), &CancelToken::default());
+        let made = made.expect("such an output");
+        assert!(made.complete && !made.written[0].unchanged, "the file is written");
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+        if k == SAMPLES {
+            times.remove(0);
+            let [time, size] = [median(times.split_off(0)), made.written[0].bytes as f64 / 1e6];
+            println!("from a millimeter to the written PLY file: {time:.0} ms, {size:.0} MB");
+        }
+    }
+}
+
 fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     let evaluation = evaluator.evaluate_nodes(graph, &[node]);
     let mesh = evaluation.find(graph, node, "").and_then(AnyValue::get::<Mesh>);
@@ -155,6 +182,8 @@ fn main() {
         "other bytes than without memory"
     );
     drop((skin, alone));
+
+    saved(&path);
 
     let pulled = |k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)]);
     let graphs = Vec::from_iter((0..=SAMPLES).map(pulled));

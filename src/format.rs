@@ -161,20 +161,30 @@ pub struct TooFar {
 /// Checks that single precision can tell these places, or that there are none.
 fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result<(), TooFar> {
     let far = |point: &Point3<f64>| point.iter().any(|&x| (x as f32).is_infinite());
-    match points.par_iter().with_min_len(4096).position_first(far) {
-        Some(index) => Err(TooFar { what, index, place: points[index].coords.into() }),
-        None => Ok(()),
-    }
+    let first = points.par_chunks(BLOCK).enumerate().find_map_first(|(block, points)| {
+        // Without a branch for each point, so that wide vectors look at several of them at once.
+        let is_far = points.iter().fold(false, |is_far, point| is_far | far(point));
+        is_far.then(|| block * BLOCK + points.iter().position(far).unwrap_or_default())
+    });
+    first.map_or(Ok(()), |index| Err(TooFar { what, index, place: points[index].coords.into() }))
 }
+
+/// Points that one task looks at.
+const BLOCK: usize = 4096;
 
 /// A mesh is told by steps of no more than this share of its size: less than what is seen or printed.
 const COARSEST: f64 = 1e-4;
 
 /// What is said of places that lie so far from the origin, beside their size, that single precision moves them.
 fn coarse(points: &[Point3<f64>]) -> Option<String> {
-    let known = points.iter().filter(|point| !point.x.is_nan());
     let none = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
-    let (low, high) = known.fold(none, |(low, high), point| (low.inf(point), high.sup(point)));
+    let of_block = |points: &[Point3<f64>]| {
+        let known = points.iter().filter(|point| !point.x.is_nan());
+        known.fold(none, |(low, high), point| (low.inf(point), high.sup(point)))
+    };
+    let of_blocks: Vec<_> = points.par_chunks(BLOCK).map(of_block).collect();
+    let both = |a: (Point3<f64>, Point3<f64>), b: &(_, _)| (a.0.inf(&b.0), a.1.sup(&b.1));
+    let (low, high) = of_blocks.iter().fold(none, both);
     let size = (high - low).norm();
     let far = low.coords.amax().max(high.coords.amax());
     let step = far * f64::from(f32::EPSILON);

@@ -20,10 +20,14 @@ const LEAST: usize = 4 << 20;
 /// Nothing is written here: write every item once, from the threads that compute them, so that the pages are filled in parallel.
 pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
     let mut items = bytemuck::zeroed_vec(len);
-    if LEAST <= size_of_val(&items[..]) {
-        advise(&mut items);
-    }
+    advise(&mut items);
     items
+}
+
+/// Room for so many more items at the end of a list, on large pages where the system has them.
+pub(crate) fn reserve_huge<T>(list: &mut Vec<T>, count: usize) {
+    list.reserve_exact(count);
+    advise(list.spare_capacity_mut());
 }
 
 /// A list of zeros of which few will be written: where nothing is, a large one takes no memory.
@@ -61,17 +65,20 @@ pub fn keep_freed() {
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn keep_freed() {}
 
-/// Asks for large pages under the items: from the page in which they start to the one in which they end. With the allocator's own
+/// Asks for large pages under the items, if they are large: from the page in which they start to the one in which they end. With the allocator's own
 /// bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their borders.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;
 
+    if size_of_val(items) < LEAST {
+        return;
+    }
     let page = rustix::param::page_size();
     let start: *mut c_void = items.as_mut_ptr().cast();
     let before = start.addr() % page;
     let bytes = (before + size_of_val(items)).next_multiple_of(page);
-    // SAFETY: all of these pages hold items, so that they are mapped. The advice changes how the system backs them, never what is
+    // SAFETY: all of these pages hold items, or room for them, so that they are mapped. The advice changes how the system backs them, never what is
     // read from them, and an error changes nothing.
     let advised = unsafe {
         rustix::mm::madvise(

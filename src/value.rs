@@ -63,6 +63,7 @@ pub use mesh::{
 };
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
+pub(crate) use points::first_not_finite;
 pub use points::{Points, PointsError};
 pub use property::{Offence, Offender, Property};
 pub use range::{RangeError, RangeImage};

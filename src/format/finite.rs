@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use crate::reading::Reading;
-use crate::value::{Mesh, Points};
+use crate::value::{Mesh, Points, first_not_finite};
 
 /// Which places of a file are finite.
 pub(super) struct Finite(Option<Vec<bool>>);
@@ -11,10 +11,10 @@ pub(super) struct Finite(Option<Vec<bool>>);
 impl Finite {
     /// Those that are; the others are put at the origin, until what is there is left out.
     pub(super) fn of(places: &mut [Point3<f64>]) -> Self {
-        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
-        if places.iter().all(is_finite) {
+        if first_not_finite(places).is_none() {
             return Self(None);
         }
+        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
         let finite = places.iter().map(is_finite).collect();
         places.iter_mut().filter(|place| !is_finite(place)).for_each(|it| *it = Point3::origin());
         Self(Some(finite))

@@ -302,7 +302,7 @@ impl<'a> Table<'a> {
         let finite = Finite::of(&mut positions);
         let (uv, faces_table) = (faces.uv, faces.scalars);
         let (faces, origins) = match faces.triangles {
-            Some(triangles) => (Faces::triangles(triangles), Vec::new()),
+            Some(triangles) => (triangles, Vec::new()),
             None => faces.list.finish()?,
         };
         let mut mesh = Mesh::new(positions, faces)?;

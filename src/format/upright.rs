@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::Point3;
 
+use crate::parallel::*;
 use crate::value::{Attribute, Attributes, ControlNetError, Mesh, MeshError, Surface};
 
 /// Half a turn about x: from a sensor's axes (y down, z away) to those of viewers.
@@ -13,7 +14,11 @@ fn turned(point: &Point3<f64>) -> Point3<f64> {
 
 /// The points of something that a capture gave if `is_captured`, else as they are.
 pub(super) fn upright_points(points: &[Point3<f64>], is_captured: bool) -> Vec<Point3<f64>> {
-    if is_captured { points.iter().map(turned).collect() } else { points.to_vec() }
+    if is_captured {
+        points.par_iter().with_min_len(4096).map(turned).collect()
+    } else {
+        points.to_vec()
+    }
 }
 
 /// The mesh, half a turn about x away if a capture gave it; its vectors turn along.

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::sources::ItemsMut;
 use super::{Parallel, Zip, each_part, of_parts};
+use crate::memory::reserve_huge;
 
 /// What a loop's items can be gathered in, in their order.
 pub trait FromParallel<T: Send>: Sized {
@@ -52,7 +53,7 @@ pub(super) fn append<P: Parallel>(items: P, list: &mut Vec<P::Item>) {
     }
     // Each item is written where it stays.
     let count = items.places();
-    list.reserve_exact(count);
+    reserve_huge(list, count);
     let places = ItemsMut(&mut list.spare_capacity_mut()[..count]);
     let written = each_item(Zip(items, places), |(item, place)| {
         place.write(item);
@@ -69,7 +70,9 @@ pub(super) fn unzipped<A: Send, B: Send, P: Parallel<Item = (A, B)>>(items: P) -
         return items.collect::<Vec<_>>().into_iter().unzip();
     }
     let count = items.places();
-    let (mut firsts, mut seconds) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let (mut firsts, mut seconds) = (Vec::new(), Vec::new());
+    reserve_huge(&mut firsts, count);
+    reserve_huge(&mut seconds, count);
     let first_places = ItemsMut(&mut firsts.spare_capacity_mut()[..count]);
     let second_places = ItemsMut(&mut seconds.spare_capacity_mut()[..count]);
     let places = Zip(first_places, second_places);
@@ -101,6 +104,6 @@ fn each_item<P: Parallel>(items: P, f: impl Fn(P::Item) + Sync) -> usize {
 }
 
 fn append_all<T>(parts: Vec<Vec<T>>, list: &mut Vec<T>) {
-    list.reserve_exact(parts.iter().map(Vec::len).sum());
+    reserve_huge(list, parts.iter().map(Vec::len).sum());
     parts.into_iter().for_each(|mut part| list.append(&mut part));
 }

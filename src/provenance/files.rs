@@ -27,7 +27,7 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
         "glb" => glb(bytes, words),
         "png" => png(bytes, words),
         "json" => json_text(bytes, words),
-        "ply" => line_behind(bytes, b"ply\n", &format!("comment {KEY} {words}\n")),
+        "ply" => line_behind(bytes, b"ply\n", &comment_of_ply(words)),
         "pcd" => line_behind(bytes, b"# .PCD", &format!("# {KEY} {words}\n")),
         "step" => {
             line_behind(bytes, b"ISO-10303-21;\nHEADER;\n", &format!("/* {KEY} {words} */\n"))
@@ -45,6 +45,11 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
             bytes[8..12].copy_from_slice(&length);
         }
     }
+}
+
+/// The second line of a PLY file that tells these words.
+pub(crate) fn comment_of_ply(words: &str) -> String {
+    format!("comment {KEY} {words}\n")
 }
 
 /// What a file of this ending tells.

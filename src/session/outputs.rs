@@ -352,14 +352,17 @@ impl OutputFolder {
         destination.judge(&path)?;
         let found = holds(&path, bytes);
         let unchanged = found.is_some();
-        let left = match found {
-            Some(found) => Some(found),
-            None => {
-                let stamp = destination.write(&path, bytes)?;
-                stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() })
+        let write = || -> Result<_, Refused> {
+            match found {
+                Some(found) => Ok(Some(found)),
+                None => {
+                    let stamp = destination.write(&path, bytes)?;
+                    Ok(stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() }))
+                }
             }
         };
-        let (output, hash) = (output.to_owned(), Hash::of(bytes));
+        let (left, hash) = rayon::join(write, || Hash::of(bytes));
+        let (output, left) = (output.to_owned(), left?);
         Ok((Written { output, path, bytes: bytes.len(), hash, unchanged, seconds: 0.0 }, left))
     }
 

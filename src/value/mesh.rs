@@ -175,7 +175,7 @@ impl Mesh {
         rows: &[Range<u32>],
         places: &[Point3<f64>],
     ) -> Result<Self, MeshError> {
-        if let Some(bad) = super::points::first_not_finite(places) {
+        if let Some(bad) = super::first_not_finite(places) {
             let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
             return Err(MeshError::NotFinite { vertex });
         }
@@ -315,7 +315,7 @@ impl Mesh {
 const BLOCK: usize = 8192;
 
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
-    let bad = super::points::first_not_finite(positions);
+    let bad = super::first_not_finite(positions);
     bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
 }
 

@@ -6,6 +6,7 @@ use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
 use crate::format::{At, excerpt, parse};
 use crate::parallel::*;
+use crate::value::Faces;
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {
@@ -67,7 +68,7 @@ impl<'a> Body<'a> {
 
     /// The triangles of an element that is nothing but little endian triangles; none, and nothing is taken, if anything else is
     /// there or a triangle repeats a corner.
-    pub(super) fn take_triangles(&mut self, element: &Element) -> Option<Vec<[u32; 3]>> {
+    pub(super) fn take_triangles(&mut self, element: &Element) -> Option<Faces> {
         let [property] = &element.properties[..] else { return None };
         let known = matches!(&*property.name, "vertex_indices" | "vertex_index")
             && property.length.is_some_and(|length| length.size() == 1)
@@ -81,12 +82,9 @@ impl<'a> Body<'a> {
             _ => [0; 3],
         };
         let rows = rows.par_chunks_exact(TRIANGLE).with_min_len(BLOCK);
-        let triangles: Vec<[u32; 3]> = rows.map(triangle).collect();
-        let sound = |&[a, b, c]: &[u32; 3]| {
-            a != b && b != c && c != a && a.max(b).max(c) <= i32::MAX as u32
-        };
-        let all = triangles.par_chunks(BLOCK).all(|triangles| triangles.iter().all(sound));
-        all.then(|| {
+        let triangles = Faces::triangles(rows.map(triangle).collect());
+        let is_sound = triangles.needed().is_some_and(|needed| needed <= 1 << 31);
+        is_sound.then(|| {
             self.next += size;
             triangles
         })

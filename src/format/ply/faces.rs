@@ -6,12 +6,13 @@ use super::body::{Body, Rows};
 use super::header::{Element, Property, Scalar};
 use super::{Column, PlyError, Table};
 use crate::format::corners::FaceList;
+use crate::value::Faces;
 
 /// The corners of all faces, and their texture coordinates.
 #[derive(Default)]
 pub(super) struct FaceTable {
     /// All faces, if they are triangles without repeated corners in a binary table of nothing else.
-    pub(super) triangles: Option<Vec<[u32; 3]>>,
+    pub(super) triangles: Option<Faces>,
     /// All faces otherwise.
     pub(super) list: FaceList,
     pub(super) uv: Option<Vec<[f64; 2]>>,

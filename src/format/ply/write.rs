@@ -9,8 +9,10 @@ use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::format::upright::{upright, upright_points};
 use crate::format::{TooFar, check_single, coarse, finite};
+use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
+use crate::provenance::{Signature, comment_of_ply};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 
@@ -23,6 +25,12 @@ impl FileFormat for MeshPly {
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+    }
+
+    fn write_signed(mesh: &Mesh, name: &str, signature: &Signature) -> Result<Vec<NewFile>, Error> {
+        // Put in afterwards, it would move all that is behind it.
+        let comment = comment_of_ply(&signature.words);
+        Ok(NewFile::only(name, encode_with(&*upright(mesh)?, &comment)?))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
@@ -130,6 +138,11 @@ impl<'a> TableColumn<'a> {
 /// # Errors
 /// If a vertex is where single precision cannot tell.
 pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
+    encode_with(mesh, "")
+}
+
+/// The same with lines behind the first one.
+fn encode_with(mesh: &Mesh, lines: &str) -> Result<Vec<u8>, TooFar> {
     check_single("vertex", mesh.positions())?;
     let vertex = mesh.vertex();
     let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
@@ -168,13 +181,12 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\n{comments}element vertex {n_vertices}\n{properties}\
+        "ply\n{lines}format binary_little_endian 1.0\n{comments}element vertex {n_vertices}\n{properties}\
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
     let stride: usize = parts.iter().map(|part| part.size).sum();
-    // Zeros that the system gives: memory is touched first by the threads that fill it.
-    let mut bytes = vec![0; header.len() + n_vertices * stride + faces.size()];
+    let mut bytes = huge_vec(header.len() + n_vertices * stride + faces.size());
     let (head, body) = bytes.split_at_mut(header.len());
     head.copy_from_slice(header.as_bytes());
     let (vertex_rows, face_rows) = body.split_at_mut(n_vertices * stride);

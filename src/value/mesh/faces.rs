@@ -85,14 +85,19 @@ impl Faces {
 
     /// Finds the first face that names no vertex, or one twice. Looks at the faces only once, however many meshes share them.
     pub(super) fn check(&self, vertices: usize) -> Result<(), MeshError> {
-        match self.needed.get_or_init(|| self.count_needed()) {
-            Some(needed) if *needed as usize <= vertices => Ok(()),
+        match self.needed() {
+            Some(needed) if needed as usize <= vertices => Ok(()),
             _ => {
                 let bad = (0..self.len())
                     .find_map(|face| check_face(face, self.face(face), vertices).err());
                 bad.map_or(Ok(()), Err)
             }
         }
+    }
+
+    /// How many vertices there must be for all corners; none if a face meets one twice.
+    pub(crate) fn needed(&self) -> Option<u32> {
+        *self.needed.get_or_init(|| self.count_needed())
     }
 
     fn count_needed(&self) -> Option<u32> {

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::Vector3;
 
+use crate::memory::huge_vec;
 use crate::parallel::*;
 
 use super::{BLOCK, Mesh};
@@ -17,13 +18,13 @@ impl Mesh {
     pub fn normals(&self) -> Cow<'_, [[f64; 3]]> {
         match self.vertex().vectors("normal") {
             Some(given) => Cow::Borrowed(given),
-            None => self.vertex_normals().into_iter().map(Into::into).collect(),
+            None => bytemuck::cast_vec(self.vertex_normals()).into(),
         }
     }
 
     /// A unit normal per vertex: the mean of the faces' normals, each weighed by its area. Zero for a vertex of no face.
     pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
-        let mut normals = vec![Vector3::zeros(); self.positions.len()];
+        let mut normals: Vec<Vector3<f64>> = huge_vec(self.positions.len());
         // Each thread looks at all faces and adds up the normals of its own vertices, every one in the order of the faces.
         let threads = rayon::current_num_threads().min(MOST_SCANS);
         let share = self.positions.len().div_ceil(threads).max(BLOCK);
