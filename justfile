@@ -30,6 +30,10 @@ bench *args:
 peers *args:
     python3 benches/peers/peers.py {{args}}
 
+# Each figure that has a bar, for a quiet machine: ours, the peer's, the bar and the verdict; `just bars FFD` for some. Most of an hour.
+bars *args:
+    python3 benches/bars/bars.py {{args}}
+
 # Our subdivision beside OpenSubdiv (Debian: libosd-dev) and CGAL (libcgal-dev), point by point. Needs ../shared/data.
 oracles:
     bash tests/oracles/subdivision/run

@@ -28,6 +28,7 @@ from typing import Any, Callable
 
 PROJECT = Path(__file__).resolve().parents[2]
 PEERS = Path(os.environ.get("PEERS", PROJECT.parent / "shared/peers"))
+NO_PEERS = f"the peers' scripts are not there, {PEERS}; set PEERS to their folder"
 WORK = Path(os.environ.get("PEERS_WORK", Path(tempfile.gettempdir()) / "peers"))
 RUNS = int(os.environ.get("PEERS_RUNS", 11))
 DATA = WORK / "data"
@@ -53,8 +54,22 @@ class Row:
     ours: str | list[str]
     # Milliseconds that ours should take at most.
     bar: float | None = None
-    # Each opens one peer; an ImportError means that it is not there.
+    # Each opens one peer; an ImportError means that it is not there, as does a missing compiler.
     peers: list[Callable[[], Peer]] = field(default_factory=list)
+
+
+@dataclass
+class Measured:
+    """Milliseconds of each run, of ours and of each peer by its name."""
+
+    row: Row
+    ours: list[float] = field(default_factory=list)
+    peers: dict[str, list[float]] = field(default_factory=dict)
+    # Megabytes of our program, at most.
+    peak: float = 0.0
+    # What results are like, and how they differ; peers that are not there.
+    notes: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
 
 
 # ---------------------------------------------------------------- peers
@@ -583,7 +598,7 @@ TENTH = {"targetperc": 0.1}
 ROWS = [
     Row("threshold, labels, statistics, 4096 x 4096", "segment", 45, [opencv_segment]),
     Row("edges by Sobel, 4096 x 4096", "edges", 25, [opencv_edges]),
-    Row("edges above the 90th percentile", "edges-percentile", None, [opencv_edges]),
+    Row("edges above the 90th percentile", "edges-percentile", 25, [opencv_edges]),
     Row("NURBS degree 2, 2000 x 2000 points", "points-2", 20, [scipy_nurbs(2, False), splinepy_nurbs(2)]),
     Row("NURBS degree 3, 2000 x 2000 points", "points-3", 20, [scipy_nurbs(3, False), splinepy_nurbs(3)]),
     Row("NURBS degree 2, points and normals", "normals-2", 40, [scipy_nurbs(2, True)]),
@@ -592,7 +607,7 @@ ROWS = [
     Row("Catmull-Clark, positions alone", "catmull-clark-places", 20, [opensubdiv(0, 1), opensubdiv(0, 1, True)]),
     Row("Loop, 4 steps to 1.5 M triangles", "loop", 45, [opensubdiv(1, 0), opensubdiv(1, 0, True)]),
     Row("Loop, positions alone", "loop-places", 10, [opensubdiv(1, 1), opensubdiv(1, 1, True)]),
-    Row("Doo-Sabin, 4 steps to 1.5 M faces", "doo-sabin", None, []),
+    Row("Doo-Sabin, 4 steps to 1.5 M faces", "doo-sabin", 80, []),
     Row("interpolating Loop, 20 252 vertices", "interpolate-loop", 5, [scipy_interpolation("int_tri")]),
     Row("interpolating Catmull-Clark, 19 442", "interpolate-catmull-clark", 8, [scipy_interpolation("int_quad")]),
     Row("ffd, 1 M points, 64 handles", "ffd-64", 40, [numpy_ffd(64), numba_ffd(64), plain_c_ffd(64)]),
@@ -612,8 +627,8 @@ ROWS = [
     Row("the same with a texture", "simplify-texture", None, [meshlab("meshing_decimation_quadric_edge_collapse_with_texture", **TENTH)]),
     Row("outliers of 200 000 points", "outliers", None, [open3d_outliers]),
     Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
-    Row("read PLY, 1 M triangles, binary", "read-ply", 25, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
-    Row("write PLY, 1 M triangles, with normals", "write-ply", 25, [trimesh_ply(True), meshio_ply(True), open3d_ply(True)]),
+    Row("read PLY, 1 M triangles, binary", "read-ply", 8, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
+    Row("write PLY, 1 M triangles, with normals", "write-ply", 10, [trimesh_ply(True), meshio_ply(True), open3d_ply(True)]),
 ]
 
 
@@ -792,52 +807,64 @@ def timed(peer):
     return milliseconds, result
 
 
-def measure(row):
-    peers, missing = [], []
+def measure(row, of="", between=lambda: None, patience=float("inf")):
+    """Runs ours and each peer in turn, or those alone that have the word `of` in their names, and `between` before each turn. A peer
+    that has taken so many seconds rests after three runs."""
+    peers, measured = [], Measured(row)
     for open_peer in row.peers:
         try:
             peers.append(open_peer())
-        except ImportError as error:
-            missing.append(f"{row.name}: no peer, {error}")
-    ours, times = Ours(row.ours), [[] for _ in range(1 + len(peers))]
+        except (ImportError, OSError) as error:
+            measured.missing.append(f"no peer, {error}")
+    peers = [peer for peer in peers if of in peer.name]
+    ours, measured.peers = Ours(row.ours), {peer.name: [] for peer in peers}
+    seconds = dict.fromkeys(measured.peers, 0.0)
     for k in range(RUNS):
-        times[0].append(ours.run(k))
-        for peer, list_of_times in zip(peers, times[1:]):
+        between()
+        measured.ours.append(ours.run(k))
+        for peer in peers:
             if k == 0:
                 _, result = timed(peer)
-                compare(row, ours, peer, result)
-                if hasattr(peer, "note"):
-                    print(f"  {row.name}: {peer.name} is {peer.note(result)}")
+                measured.notes += notes(ours, peer, result)
                 del result
-            milliseconds, result = timed(peer)
-            list_of_times.append(milliseconds)
-            del result
+            if k < 3 or seconds[peer.name] < patience:
+                start = time.perf_counter()
+                milliseconds, result = timed(peer)
+                seconds[peer.name] += time.perf_counter() - start
+                measured.peers[peer.name].append(milliseconds)
+                del result
     ours.stop()
-    show(row, ours, peers, times)
-    for line in missing:
-        print(f"  {line}")
+    measured.peak = ours.peak
+    return measured
 
 
-def compare(row, ours, peer, result):
+def notes(ours, peer, result):
     if peer.check and ours.check is not None:
         theirs = peer.check(result)
         if abs(theirs - ours.check) > 1e-9 * max(abs(theirs), 1):
-            print(f"  {row.name}: ours gives {ours.check}, {peer.name} {theirs}")
+            yield f"ours gives {ours.check}, {peer.name} {theirs}"
+    if hasattr(peer, "note"):
+        yield f"{peer.name} is {peer.note(result)}"
 
 
 LINE = "{:44} {:>7} {:>7} {:>5} {:>7}  {:32} {:>7} {:>7} {:>6}"
 
 
-def show(row, ours, peers, times):
-    middle = [statistics.median(list_of_times) for list_of_times in times]
-    least = [min(list_of_times) for list_of_times in times]
+def show(measured):
+    row = measured.row
+    for note in measured.notes:
+        print(f"  {row.name}: {note}")
     number = lambda x: f"{x:.1f}"
-    left = [row.name, number(middle[0]), number(least[0]), row.bar or "", f"{ours.peak:.0f}"]
-    if not peers:
+    middle, least = statistics.median(measured.ours), min(measured.ours)
+    left = [row.name, number(middle), number(least), row.bar or "", f"{measured.peak:.0f}"]
+    if not measured.peers:
         print(LINE.format(*left, "-", "", "", ""))
-    for k, peer in enumerate(peers, 1):
-        print(LINE.format(*left, peer.name, number(middle[k]), number(least[k]), number(middle[k] / middle[0])))
+    for name, times in measured.peers.items():
+        theirs = statistics.median(times)
+        print(LINE.format(*left, name, number(theirs), number(min(times)), number(theirs / middle)))
         left = [""] * 5
+    for peer in measured.missing:
+        print(f"  {row.name}: {peer}")
     sys.stdout.flush()
 
 
@@ -856,7 +883,7 @@ def enter_environment():
             command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary=:all:", wanted]
             if subprocess.run(command).returncode != 0:
                 print(f"{wanted} cannot be installed: its rows are measured without it")
-    os.execv(python, [python, __file__, *sys.argv[1:]])
+    os.execv(python, [python, *sys.argv])
 
 
 def holes():
@@ -876,26 +903,37 @@ def holes():
     subprocess.run(["cargo", "bench", "-q", "-p", "maquette-nodes", "--bench", "fill", "--", *words], cwd=PROJECT, env=environment, check=True)
 
 
+def build():
+    """Our programs, and a folder for what they write."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    for target in (["--bin", "maquette"], ["--example", "peers"]):
+        subprocess.run(["cargo", "build", "--release", "-q", "-p", "maquette-nodes", *target], cwd=PROJECT, check=True)
+
+
+def prepare():
+    """What the rows need beside our programs: packages and inputs."""
+    enter_environment()
+    os.environ.update(PEERS_DATA=str(DATA), RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS), PYTHONDONTWRITEBYTECODE="1")
+    sys.dont_write_bytecode = True
+    sys.path.insert(0, str(PEERS))
+    make_inputs()
+
+
 def main():
-    if "holes" in sys.argv[1:]:
+    words = sys.argv[1:]
+    if "holes" in words:
         WORK.mkdir(parents=True, exist_ok=True)
         enter_environment()
         return holes()
     if not PEERS.is_dir():
-        sys.exit(f"skipped: the peers' scripts are not there, {PEERS}; set PEERS to their folder")
-    enter_environment()
-    words = sys.argv[1:]
-    os.environ.update(PEERS_DATA=str(DATA), RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS), PYTHONDONTWRITEBYTECODE="1")
-    sys.dont_write_bytecode = True
-    sys.path.insert(0, str(PEERS))
-    OUT.mkdir(parents=True, exist_ok=True)
-    for target in (["--bin", "maquette"], ["--example", "peers"]):
-        subprocess.run(["cargo", "build", "--release", "-q", "-p", "maquette-nodes", *target], cwd=PROJECT, check=True)
-    make_inputs()
+        sys.exit(f"skipped: {NO_PEERS}")
+    prepare()
+    build()
     print(LINE.format("work (milliseconds)", "ours", "min", "bar", "MB", "peer", "peer", "min", "ratio"))
     for row in ROWS:
         if not words or any(word in row.name for word in words):
-            measure(row)
+            show(measure(row))
 
 
-main()
+if __name__ == "__main__":
+    main()

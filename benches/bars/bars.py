@@ -1,0 +1,378 @@
+#!/usr/bin/env python3
+"""Every figure of this project that has a bar, with ours, the peer's and the verdict:  python3 benches/bars/bars.py [WORD ...]
+
+    WORD ...      only bars whose subject or name has one of these words; all if left out, which takes most of an hour
+
+Rows of `benches/peers/peers.py` are measured as it does, beside their peers in turn; it tells where those come from, and its
+environment variables hold here, too. Benches and tests print their figures themselves, and are run again where one misses its bar.
+A bar that is missed by more than noise ends this program with 1, as does a figure that is not printed. Where other programs keep the
+machine busy nothing is missed, but not judged. Bars that a test of CI holds, or `just python` and `just blender`, are not here, nor what a build takes.
+
+To add a bar: a line in BARS. A bar in milliseconds of a row of peers stands in that row.
+"""
+import itertools
+import math
+import os
+import re
+import statistics
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Callable
+
+PROJECT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(PROJECT / "benches/peers"))
+import peers  # noqa: E402
+from peers import THREADS, Row  # noqa: E402
+
+# A bench is run so often where it misses a bar, if the machine is quiet.
+RUNS = 3
+# Seconds of a peer in one row, after which it has been measured well enough.
+PATIENCE = 20
+
+
+# ---------------------------------------------------------------- what is measured
+@dataclass
+class Bar:
+    # What the bar belongs to.
+    subject: str
+    name: str
+    # A row of peers, or the command line of what prints figures.
+    by: Row | tuple[str, ...]
+    # What ours may be at most; of a row in milliseconds, megabytes, or times what the peer takes.
+    most: float | None
+    unit: str = "ms"
+    # How figures are printed: # stands for one or several with commas between, * for anything, one space for any number. A line of
+    # divan is `GROUP/ARGUMENT: # ms`, its median. Of several lines the one with the greatest figure counts.
+    line: str = ""
+    # Which of the figures of a line counts.
+    take: Callable[[list[float]], float] = max
+    # How many times as long as the peer ours may take; where the peer is not there, `most` holds.
+    times: float | None = None
+    # A word in the name of that peer; if left out, the fastest.
+    of: str = ""
+
+
+def of_row(subject, word, times=None, of=""):
+    """A bar of the row that is called so, or begins so, in the table of peers."""
+    row = next(row for row in peers.ROWS if row.ours == word or row.name.startswith(word))
+    return Bar(subject, row.name, row, row.bar, times=times, of=of)
+
+
+def bench(name, *words, package="maquette-nodes"):
+    return ("cargo", "bench", "-q", "-p", package, "--bench", name, "--", *words)
+
+
+def growth(figures):
+    return figures[1] - figures[0]
+
+
+MAQUETTE, CACHE = PROJECT / "target/release/maquette", peers.WORK / "cache"
+RUN_DOLL = [MAQUETTE, "run", PROJECT / "graphs/doll.ron", "--threads", str(THREADS), "--json", "--out", peers.OUT]
+DOLL = Row("doll.ron, from the start to its files", [*RUN_DOLL, "--no-cache"])
+DOLL_AGAIN = Row("doll.ron again, from the cache on disk", [*RUN_DOLL, "--cache", CACHE])
+TESTS = Row("maquette test graphs, from the cache", [MAQUETTE, "test", PROJECT / "graphs", "--threads", str(THREADS), "--cache", CACHE])
+
+LOCAL, INTERPOLATE, WATCH, PAGE = bench("local"), bench("interpolate", "nearest feet: Loop", "fit of"), bench("watch"), bench("page")
+ENGINE, COMPARE, REUSE = (bench(name, package="maquette") for name in ("engine", "compare", "reuse"))
+FILL, BATCH = bench("fill", "model classes"), bench("batch")
+SHEET = ("bash", "tests/sheet/run", "thousand")
+
+BARS = [
+    Bar("main job", DOLL.name, DOLL, 120),
+    Bar("main job", "doll.ron, memory", DOLL, 150, "MB"),
+    Bar("main job", "check a graph of 500 nodes", bench("check", package="maquette"), 20, line="check/500: # ms"),
+    of_row("first publication", "segment"),
+    of_row("first publication", "edges"),
+    of_row("first publication", "edges-percentile"),
+    of_row("first publication", "points-2"),
+    of_row("first publication", "points-3"),
+    of_row("first publication", "normals-2"),
+    of_row("first publication", "normals-3"),
+    of_row("first publication", "pipeline"),
+    of_row("first publication", "read-pcd"),
+    of_row("first publication", "read-ply"),
+    of_row("first publication", "write-ply"),
+    Bar("memory", "10 000 nodes, first evaluation", ENGINE, 12, line="chain_first_evaluation: # ms"),
+    Bar("memory", "10 000 nodes, nothing changed", ENGINE, 0.3, line="chain_nothing_changed: # ms"),
+    Bar("memory", "10 000 nodes, last changed", ENGINE, 1, line="chain_last_changed: # ms"),
+    Bar("memory", "10 000 nodes, first changed", ENGINE, 12, line="chain_first_changed: # ms"),
+    Bar("memory", "cheap node behind a subdivision", ENGINE, 10, line="cheap_behind_subdivision_changed: # ms"),
+    Bar("memory", "the same, nothing changed", ENGINE, 0.05, line="cheap_behind_subdivision_nothing_changed: # ms"),
+    Bar("memory", DOLL_AGAIN.name, DOLL_AGAIN, 30),
+    Bar("watch", "save to problems, half", WATCH, 30, line="save to problems shown, broken graph p50 # ms"),
+    Bar("watch", "save to problems, 95 of 100", WATCH, 80, line="save to problems shown, broken graph * p95 # ms"),
+    Bar("watch", "save to check, half", WATCH, 30, line="save to check shown, good graph p50 # ms"),
+    Bar("watch", "save to check, 95 of 100", WATCH, 80, line="save to check shown, good graph * p95 # ms"),
+    Bar("watch", "save to outputs, half", WATCH, 60, line="save to outputs written p50 # ms"),
+    Bar("watch", "save to outputs, 95 of 100", WATCH, 120, line="save to outputs written * p95 # ms"),
+    Bar("watch", "nodes run by 20 comments", WATCH, 0, "nodes", "nodes run by 20 comments #"),
+    Bar("watch", "processor time without work, of 10 s", WATCH, 0, "ticks", "processor time in * without work # ticks"),
+    Bar("golden tests", "compare two meshes of a million faces", COMPARE, 1500, line="million_faces/*: # ms"),
+    Bar("golden tests", "picture of a million faces", COMPARE, 300, line="picture/1000000: # ms"),
+    Bar("golden tests", TESTS.name, TESTS, 1000),
+    Bar("graphs of graphs", "check 2 041 uses", REUSE, 100, line="check_2041_uses: # ms"),
+    Bar("graphs of graphs", "evaluate 3 745 nodes, 2 us each", REUSE, 7.5, line="evaluate_3745_nodes: # ms"),
+    of_row("subdivision", "catmull-clark"),
+    of_row("subdivision", "catmull-clark-places"),
+    of_row("subdivision", "loop"),
+    of_row("subdivision", "loop-places"),
+    of_row("subdivision", "doo-sabin"),
+    Bar("subdivision", "Catmull-Clark, limit and normals", bench("subdivide", "with_limit"), 90, line="with_limit_and_normals/CatmullClark: # ms"),
+    of_row("interpolation", "interpolate-loop"),
+    of_row("interpolation", "interpolate-catmull-clark"),
+    Bar("interpolation", "closest feet, 1 516 vertices, Loop", INTERPOLATE, 300, line="nearest feet: Loop, * vertices #"),
+    Bar("interpolation", "fit of the doll, 95 of 100 within", INTERPOLATE, 0.1, "mm", "scan to surface: * 95 % #, 99 %"),
+    of_row("free-form", "ffd-64", times=1.0, of="plain C"),
+    of_row("free-form", "ffd-256", times=0.75, of="plain C"),
+    of_row("free-form", "ffd-near", times=0.4, of="plain C"),
+    of_row("free-form", "ffd-drag"),
+    of_row("filling", "fill"),
+    Bar("filling", "exemplar, smooth, 1 094 lost", FILL, 0.25, "s", "A, smooth *; * #, rms"),
+    Bar("filling", "exemplar, sharp, 1 432 lost", FILL, 0.25, "s", "B, sharp *; * #, rms"),
+    Bar("filling", "exemplar, relief, 668 lost", FILL, 0.65, "s", "C, relief *; * #, rms"),
+    of_row("whole skin", "reconstruct"),
+    of_row("whole skin", "reconstruct-normals"),
+    of_row("whole skin", "reconstruct-clean"),
+    Bar("whole skin", "off the torus, 1 % noise", bench("reconstruct", "100000 points alone, noise 0.01"), 0.5, "apart", "noise 0.01 * * * #"),
+    Bar("live page", "1.5 M moved triangles in the card", PAGE, 150, line="from the message to the buffers, *: # ms in half"),
+    Bar("live page", "bytes of a local edit", PAGE, 10, "%", "another nose of the doll: * MB, # %"),
+    Bar("live page", "objects left by 500 edits", PAGE, 1, "MB", "page # and # MB of objects", growth),
+    Bar("language", "check ForEach over 5 000 regions", bench("each", "check", package="maquette"), 100, line="check: # ms"),
+    Bar("editors", "slowest request, 95 of 100", bench("lsp"), 50, line="95th of a hundred # ms"),
+    Bar("batches", "held task of the doll", BATCH, 2, line="tasks of doll *, nothing has changed* # ms a task"),
+    Bar("batches", "the same in the first run after", BATCH, 2, line="tasks of doll *, first run after* # ms a task"),
+    Bar("batches", "sheet of 1 000 tasks opens", SHEET, 1000, line="open after # ms"),
+    Bar("batches", "key to picture in it", SHEET, 50, line="keys # ms"),
+    of_row("real scans", "align", times=1.0, of="Open3D"),
+    of_row("real scans", "union", times=1.0, of="of meshes"),
+    of_row("real scans", "unwrap"),
+    of_row("real scans", "remesh", times=1.0, of="MeshLab"),
+    of_row("real scans", "simplify", times=1.0, of="MeshLab"),
+    of_row("real scans", "simplify-texture", times=1.0, of="MeshLab"),
+    of_row("real scans", "outliers", times=1.0, of="Open3D"),
+    Bar("local changes", "growth by a mm, 10.8 M faces", LOCAL, 40, line="growth by a millimeter: # ms"),
+    Bar("local changes", "handle of an FFD on the same", LOCAL, 40, line="handle of an FFD by *: # ms"),
+    Bar("local changes", "save to written PLY of the same", LOCAL, 120, line="from a millimeter to the written PLY file: # ms"),
+]
+
+
+# ---------------------------------------------------------------- figures that are printed
+FIGURES = r"(-?\d[\d.]*(?:, -?\d[\d.]*)*)"
+MILLISECONDS = {"ns": 1e-6, "µs": 1e-3, "ms": 1.0, "s": 1e3}
+
+
+def lines(text):
+    """Of what a bench prints; a leaf of divan's tree becomes a line with its median."""
+    path = []
+    for line in text.splitlines():
+        branch = re.match(r"([│ ]*)[├╰]─ (.+?)  +(.*)", line)
+        if not branch:
+            yield " ".join(line.split())
+            continue
+        indent, name, rest = branch.groups()
+        path[len(indent) // 3 :] = [name]
+        number, _, unit = rest.split("│")[2].strip().partition(" ")
+        if number:
+            yield f"{'/'.join(path)}: {float(number) * MILLISECONDS[unit]:.9f} ms"
+
+
+def figure(bar, text):
+    """What the bar is held against; none where no line has it."""
+    pattern = "".join({"#": FIGURES, "*": ".*?"}.get(letter) or re.escape(letter) for letter in bar.line)
+    matches = filter(None, (re.search(pattern, line) for line in lines(text)))
+    return max((bar.take([float(number) for group in match.groups() for number in group.split(", ")]) for match in matches), default=None)
+
+
+# ---------------------------------------------------------------- a quiet machine
+# A machine is quiet where others keep at most this part of a core busy, and in three of four cases a fixed loop takes at most so many
+# times as long as it ever did.
+OTHERS, SLOWER = 0.1, 1.15
+
+
+class Machine:
+    def __init__(self):
+        self.pool, self.data, self.fastest = ThreadPoolExecutor(THREADS), bytes(1 << 24), math.inf
+        self.loops, self.others = [], 0.0
+
+    def loop(self):
+        """The same work on each thread, some 10 ms."""
+        start = time.perf_counter()
+        list(self.pool.map(lambda _: sha256(self.data).digest(), range(THREADS)))
+        self.loops.append(time.perf_counter() - start)
+        self.fastest = min(self.fastest, self.loops[-1])
+
+    def look(self):
+        self.others = max(self.others, busy_cores())
+        for _ in range(5):
+            self.loop()
+
+    def during(self, measure):
+        """What this gives, and whether it was quiet before, after and, where it calls `loop`, meanwhile."""
+        self.loops, self.others = [], 0.0
+        self.look()
+        result = measure()
+        self.look()
+        return result
+
+    def slower(self):
+        return quartiles(self.loops)[2] / self.fastest
+
+    def is_quiet(self):
+        return self.others <= OTHERS and self.slower() <= SLOWER
+
+    def __str__(self):
+        return f"others keep {self.others:.1f} cores busy, a fixed loop is {self.slower():.2f} times slower"
+
+
+def busy_cores(seconds=0.5):
+    """How many cores are busy while this program sleeps; 0 where the system does not tell."""
+
+    def busy():
+        user, nice, system, _idle, _waiting, *others = map(int, Path("/proc/stat").read_text().split("\n")[0].split()[1:9])
+        return (user + nice + system + sum(others)) / os.sysconf("SC_CLK_TCK")
+
+    if not Path("/proc/stat").exists():
+        return 0.0
+    before, start = busy(), time.perf_counter()
+    time.sleep(seconds)
+    return (busy() - before) / (time.perf_counter() - start)
+
+
+# ---------------------------------------------------------------- verdicts
+def quartiles(samples):
+    return statistics.quantiles(samples, n=4, method="inclusive") if len(samples) > 1 else samples * 3
+
+
+def verdict(samples, most, slower, is_quiet):
+    """A bar is held by the median. It is missed by more than noise where three of four samples are above it, and would be if the
+    machine were as fast as at its best: above the bar times `slower`."""
+    low, middle, _ = quartiles(samples)
+    if middle <= most:
+        return "holds"
+    if not is_quiet:
+        return "not judged"
+    return "MISSED" if low > most * slower else "within noise"
+
+
+@dataclass
+class Found:
+    bar: Bar
+    samples: list[float]
+    peer: str = ""
+    theirs: float | None = None
+    # Ours by theirs, run by run.
+    ratios: list[float] | None = None
+    # Why there is no peer, or no sample.
+    why: str = ""
+
+    def judge(self, machine):
+        samples, most = (self.ratios, self.bar.times) if self.ratios and self.bar.times else (self.samples, self.bar.most)
+        if not samples or most is None:
+            return self.why
+        return verdict(samples, most, machine.slower(), machine.is_quiet())
+
+
+def measure_row(bars, machine):
+    try:
+        measured = machine.during(lambda: peers.measure(bars[0].by, bars[0].of, machine.loop, PATIENCE))
+    except (Exception, SystemExit) as error:
+        measured = peers.Measured(bars[0].by, missing=[f"no figure: {error!r}"])
+    for bar in bars:
+        if bar.unit == "MB":
+            yield Found(bar, [measured.peak] if measured.peak else [], why="; ".join(measured.missing))
+            continue
+        found = Found(bar, measured.ours, why="; ".join(measured.missing))
+        if measured.peers:
+            found.peer, theirs = min(measured.peers.items(), key=lambda peer: statistics.median(peer[1]))
+            found.theirs = statistics.median(theirs)
+            found.ratios = [ours / theirs for ours, theirs in zip(measured.ours, theirs)]
+        yield found
+
+
+def measure_command(bars, machine):
+    samples = [[] for _ in bars]
+    for _ in range(RUNS):
+        done = machine.during(lambda: subprocess.run(bars[0].by, cwd=PROJECT, capture_output=True, text=True))
+        for bar, of_bar in zip(bars, samples):
+            found = None if done.returncode else figure(bar, done.stdout)
+            of_bar += [] if found is None else [found]
+        misses = any(of_bar and of_bar[-1] > bar.most for bar, of_bar in zip(bars, samples))
+        if not misses or not machine.is_quiet():
+            break
+    skipped = [line for line in done.stdout.splitlines() if line.startswith("skipped")]
+    why = skipped[0] if skipped else f"no figure: {(done.stderr.strip() or 'no such line').splitlines()[-1]}"
+    return [Found(bar, of_bar, why="" if of_bar else why) for bar, of_bar in zip(bars, samples)]
+
+
+# ---------------------------------------------------------------- the table
+def number(x):
+    return f"{x:.0f}" if x >= 100 else f"{x:.3g}"
+
+
+LINE = "| {:17} | {:43} | {:29} | {:40} | {:>5} | {:>11} | {} |"
+
+
+def show(found, said):
+    bar = found.bar
+    ours = peer = ratio = ""
+    if found.samples:
+        low, middle, high = quartiles(found.samples)
+        spread = f" ({number(low)} to {number(high)})" if len(found.samples) > 1 else ""
+        ours = f"{number(middle)} {bar.unit}{spread}"
+    if found.theirs is not None:
+        peer, ratio = f"{number(found.theirs)} ms, {found.peer}", f"{statistics.median(found.ratios):.2f}"
+    elif found.samples:
+        peer = found.why[:40]
+    limit = f"{bar.times:g} x peer" if bar.times and (found.ratios or bar.most is None) else f"{bar.most:g} {bar.unit}"
+    print(LINE.format(bar.subject, bar.name, ours, peer, ratio, limit, said), flush=True)
+
+
+def output(*command):
+    return subprocess.run(command, cwd=PROJECT, capture_output=True, text=True).stdout.strip()
+
+
+def processor():
+    told = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text()) if Path("/proc/cpuinfo").exists() else None
+    return told[1] if told else "unknown processor"
+
+
+def main():
+    words = [word.lower() for word in sys.argv[1:]]
+    bars = [bar for bar in BARS if not words or any(word in f"{bar.subject} {bar.name}".lower() for word in words)]
+    needs_peers = any(bar.by in peers.ROWS for bar in bars)
+    if needs_peers and peers.PEERS.is_dir():
+        peers.prepare()
+    elif needs_peers:
+        print(f"skipped: the rows of peers, since {peers.NO_PEERS}")
+        bars = [bar for bar in bars if bar.by not in peers.ROWS]
+    if any(isinstance(bar.by, Row) for bar in bars):
+        peers.build()
+    commit = (output("git", "rev-parse", "--short", "HEAD") or "no commit") + (" and changes" if output("git", "status", "--porcelain") else "")
+    machine = Machine()
+    machine.during(lambda: None)
+    print(f"{commit}; {THREADS} threads of {os.cpu_count()}, {processor()}; load {os.getloadavg()[0]:.2f}, {machine}\n")
+    print(LINE.format("subject", "what", f"ours, {commit}", "peer", "ratio", "bar", "verdict"))
+    print(LINE.format("---", "---", "---", "---", "---", "---", "---"))
+    verdicts = {}
+    for by, group in itertools.groupby(bars, key=lambda bar: bar.by):
+        measure = measure_row if isinstance(by, Row) else measure_command
+        for found in measure(list(group), machine):
+            said = found.judge(machine)
+            said += f": {machine}" if said == "not judged" else ""
+            show(found, said)
+            verdicts.setdefault(said.split(":")[0], []).append(found.bar.name)
+    print()
+    for said, names in verdicts.items():
+        print(f"{len(names)} {said}" + ("" if said == "holds" else f": {'; '.join(names)}"))
+    if "not judged" in verdicts:
+        print("The machine is not quiet.")
+    sys.exit(1 if {"MISSED", "no figure"} & verdicts.keys() else 0)
+
+
+if __name__ == "__main__":
+    main()
