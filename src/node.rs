@@ -23,12 +23,14 @@ use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_t
 
 mod carry;
 mod kind;
+mod previous;
 mod terms;
 
 pub(crate) use carry::DOMAINS;
 pub use carry::{Carry, Fate};
 pub(crate) use kind::AnyNode;
 pub use kind::{NodeType, Output, node};
+pub use previous::Previous;
 pub use terms::{Promise, Want};
 pub(crate) use terms::{Source, Term};
 
@@ -462,24 +464,6 @@ impl CancelToken {
 pub(crate) trait Memos: Sync {
     fn find(&self, key: Hash) -> Option<AnyValue>;
     fn keep(&self, key: Hash, value: &AnyValue);
-}
-
-/// What came to a node, and what it gave, when it ran with the same parameters and files.
-pub struct Previous<'a> {
-    pub(crate) inputs: &'a [AnyValue],
-    pub(crate) outputs: &'a [AnyValue],
-}
-
-impl Previous<'_> {
-    /// The value that was at a port.
-    pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
-        at_port(self.inputs, port)
-    }
-
-    /// The value of an output, the first one being 0; none if there is no such output, or it is no `T`.
-    pub fn output<T: Value>(&self, index: usize) -> Option<&T> {
-        self.outputs.get(index)?.get()
-    }
 }
 
 fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {

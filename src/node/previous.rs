@@ -1,0 +1,22 @@
+//! What a node is given of its last run.
+
+use super::{In, PortType, at_port};
+use crate::value::{AnyValue, Value};
+
+/// What came to a node, and what it gave, when it ran with the same parameters and files.
+pub struct Previous<'a> {
+    pub(crate) inputs: &'a [AnyValue],
+    pub(crate) outputs: &'a [AnyValue],
+}
+
+impl Previous<'_> {
+    /// The value that was at a port.
+    pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
+        at_port(self.inputs, port)
+    }
+
+    /// The value of an output, the first one being 0; none if there is no such output, or it is no `T`.
+    pub fn output<T: Value>(&self, index: usize) -> Option<&T> {
+        self.outputs.get(index)?.get()
+    }
+}
