@@ -134,6 +134,7 @@ fn saved(path: &Path) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let outputs = OutputFolder::new(Some(folder.path()), path);
     let mut times = Vec::new();
+    warm_up();
     for k in 0..=SAMPLES {
         let graph = load(path, &[("growth", 12.0 + k as f64)]);
         let start = Instant::now();
@@ -156,22 +157,22 @@ fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     mesh.cloned().expect("a mesh")
 }
 
-/// Has a virtual machine ask its host for memory now, as it does where memory is used for the first time since it was started; and the
-/// allocator keep it as it does in the program.
+/// Has a virtual machine ask its host for memory now: what has not been used for some seconds may have been given back, and 2 MiB of it
+/// can cost milliseconds. And has the allocator keep it as it does in the program.
 fn warm_up() {
     maquette::memory::keep_freed();
-    let mut memory: Vec<u8> = maquette::memory::huge_vec(6 << 30);
+    let mut memory: Vec<u8> = maquette::memory::huge_vec(4 << 30);
     memory.iter_mut().step_by(4096).for_each(|byte| *byte = 1);
 }
 
 fn main() {
-    warm_up();
     let (_folder, path) = project();
     println!("local change of the doll, levels 4; two threads, medians of {SAMPLES}");
 
     let grown = |k: usize| load(&path, &[("growth", 12.0 + k as f64)]);
     let graphs = Vec::from_iter((0..=SAMPLES).map(grown));
     let mut own = evaluator();
+    warm_up();
     let (time, nodes) = changes(&mut own, &graphs, "model");
     let skin = mesh(&mut own, &graphs[SAMPLES], "model");
     println!("growth by a millimeter: {time:.1} ms, {} faces", skin.faces().len());
@@ -187,6 +188,7 @@ fn main() {
 
     let pulled = |k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)]);
     let graphs = Vec::from_iter((0..=SAMPLES).map(pulled));
+    warm_up();
     let (time, _) = changes(&mut own, &graphs, "pulled");
     let [skin, pulled] = ["skin", "pulled"].map(|node| mesh(&mut own, &graphs[SAMPLES], node));
     let pairs = skin.positions().iter().zip(pulled.positions().iter());
@@ -202,6 +204,7 @@ fn main() {
         let pushed = |k: usize| load(&path, &[("share", share), ("by", 0.01 * k as f64)]);
         let graphs = Vec::from_iter((0..=SAMPLES).map(pushed));
         let mut own = evaluator();
+        warm_up();
         let (time, _) = changes(&mut own, &graphs, "model");
         let skin = mesh(&mut own, &graphs[SAMPLES], "skin");
         let pushed = mesh(&mut own, &graphs[SAMPLES], "pushed");

@@ -12,6 +12,11 @@ fn turned(point: &Point3<f64>) -> Point3<f64> {
     Point3::new(point.x, -point.y, -point.z)
 }
 
+/// The sign that y and z of a mesh's vectors get in files: a writer that goes through all of them needs no turned copy.
+pub(super) fn upright_sign(mesh: &Mesh) -> f64 {
+    if mesh.frame().is_some() { -1.0 } else { 1.0 }
+}
+
 /// The points of something that a capture gave if `is_captured`, else as they are.
 pub(super) fn upright_points(points: &[Point3<f64>], is_captured: bool) -> Vec<Point3<f64>> {
     if is_captured {

@@ -7,7 +7,7 @@ use bytemuck::NoUninit;
 use super::header::Kind;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
-use crate::format::upright::{upright, upright_points};
+use crate::format::upright::{upright_points, upright_sign};
 use crate::format::{TooFar, check_single, coarse, finite};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
@@ -24,13 +24,13 @@ impl FileFormat for MeshPly {
     const ENDING: &'static str = "ply";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
-        Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+        Ok(NewFile::only(name, encode_with(mesh, "", upright_sign(mesh))?))
     }
 
     fn write_signed(mesh: &Mesh, name: &str, signature: &Signature) -> Result<Vec<NewFile>, Error> {
         // Put in afterwards, it would move all that is behind it.
         let comment = comment_of_ply(&signature.words);
-        Ok(NewFile::only(name, encode_with(&*upright(mesh)?, &comment)?))
+        Ok(NewFile::only(name, encode_with(mesh, &comment, upright_sign(mesh))?))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
@@ -90,9 +90,15 @@ impl<'a> TableColumn<'a> {
         }
     }
 
+    /// Vectors, y and z with this sign.
+    fn vectors(names: &[&str], vectors: &'a [[f64; 3]], sign: f64) -> Self {
+        let entry = move |&[x, y, z]: &[f64; 3]| floats([x, sign * y, sign * z]);
+        Self::new("float", names, vectors, entry)
+    }
+
     /// An attribute under its own name, of vertices or, with `of` as ` face`, of faces. A comment says what its properties are together,
     /// unless every reader of ours knows.
-    fn attribute(name: &str, attribute: &'a Attribute, of: &str) -> Self {
+    fn attribute(name: &str, attribute: &'a Attribute, of: &str, sign: f64) -> Self {
         let name: String = name
             .chars()
             .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' })
@@ -109,11 +115,11 @@ impl<'a> TableColumn<'a> {
         let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
         let names = Vec::from_iter(names.iter().map(|name| &**name));
         let comment = kind.map(|kind| format!("comment attribute {} {name}{of}\n", kind.word()));
-        Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute) }
+        Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute, sign) }
     }
 
     /// The numbers of an attribute as properties of these names.
-    fn numbers(names: &[&str], attribute: &'a Attribute) -> Self {
+    fn numbers(names: &[&str], attribute: &'a Attribute, sign: f64) -> Self {
         match attribute {
             Attribute::Number(numbers) => {
                 Self::new("float", names, numbers, |&number| floats([number]))
@@ -123,9 +129,7 @@ impl<'a> TableColumn<'a> {
             }
             Attribute::Flag(flags) => Self::new("uchar", names, flags, |&flag| [flag]),
             Attribute::Pair(pairs) => Self::new("float", names, pairs, |&pair| floats(pair)),
-            Attribute::Vector(vectors) => {
-                Self::new("float", names, vectors, |&vector| floats(vector))
-            }
+            Attribute::Vector(vectors) => Self::vectors(names, vectors, sign),
             Attribute::Color(colors) => Self::new("uchar", names, colors, |&color| color),
         }
     }
@@ -138,23 +142,22 @@ impl<'a> TableColumn<'a> {
 /// # Errors
 /// If a vertex is where single precision cannot tell.
 pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
-    encode_with(mesh, "")
+    encode_with(mesh, "", 1.0)
 }
 
-/// The same with lines behind the first one.
-fn encode_with(mesh: &Mesh, lines: &str) -> Result<Vec<u8>, TooFar> {
+/// The same with lines behind the first one, y and z of all vectors with this sign.
+fn encode_with(mesh: &Mesh, lines: &str, sign: f64) -> Result<Vec<u8>, TooFar> {
     check_single("vertex", mesh.positions())?;
     let vertex = mesh.vertex();
     let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
     let normals = if has_normals { mesh.normals() } else { Cow::default() };
     let sampled = sample_texture(mesh);
-    let mut parts = vec![TableColumn::new("float", &["x", "y", "z"], mesh.positions(), |point| {
-        floats(point.coords.into())
-    })];
+    let mut parts =
+        vec![TableColumn::new("float", &["x", "y", "z"], mesh.positions(), move |point| {
+            floats([point.x, sign * point.y, sign * point.z])
+        })];
     if has_normals {
-        parts.push(TableColumn::new("float", &["nx", "ny", "nz"], &normals, |&normal| {
-            floats(normal)
-        }));
+        parts.push(TableColumn::vectors(&["nx", "ny", "nz"], &normals, sign));
     }
     if let Some(uv) = vertex.pairs("uv") {
         parts.push(TableColumn::new("float", &["s", "t"], uv, |&uv| floats(uv)));
@@ -170,11 +173,11 @@ fn encode_with(mesh: &Mesh, lines: &str) -> Result<Vec<u8>, TooFar> {
             _ => false,
         };
         if !written {
-            parts.push(TableColumn::attribute(name, attribute, ""));
+            parts.push(TableColumn::attribute(name, attribute, "", sign));
         }
     }
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
-    let faces = FaceRows::new(mesh, corner_uv);
+    let faces = FaceRows::new(mesh, corner_uv, sign);
 
     let comments = parts.iter().chain(&faces.parts).map(|part| &*part.comment);
     let comments = String::from_iter(comments);
@@ -235,14 +238,14 @@ struct FaceRows<'a> {
 }
 
 impl<'a> FaceRows<'a> {
-    fn new(mesh: &'a Mesh, uv: Option<&'a Column<[f64; 2]>>) -> Self {
+    fn new(mesh: &'a Mesh, uv: Option<&'a Column<[f64; 2]>>, sign: f64) -> Self {
         let faces = mesh.faces();
         let part = |(name, attribute): (&str, &'a Attribute)| match attribute {
             Attribute::Color(_) if name == "color" => TableColumn {
                 comment: String::new(),
-                ..TableColumn::numbers(&["red", "green", "blue"], attribute)
+                ..TableColumn::numbers(&["red", "green", "blue"], attribute, sign)
             },
-            _ => TableColumn::attribute(name, attribute, " face"),
+            _ => TableColumn::attribute(name, attribute, " face", sign),
         };
         let parts = mesh.face().iter().map(part).collect();
         let entries = if uv.is_some() { 2 } else { 1 };
