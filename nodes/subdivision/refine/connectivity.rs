@@ -5,12 +5,17 @@
 //! by their owners, which is the order of [`maquette::value::Mesh::edges`]. A *ring* is what lies around a vertex,
 //! counter-clockwise.
 
+use std::iter;
 use std::ops::Range;
 
+use maquette::memory::huge_vec;
 use maquette::parallel::*;
 use maquette::value::{Edges, Faces};
 
 use crate::SubdivideError;
+
+/// Elements that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
+pub(crate) const BLOCK: usize = 4096;
 
 /// In place of a half-edge that does not exist.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -33,8 +38,8 @@ pub(crate) struct Connectivity {
 enum Turns {
     Triangles,
     Quads,
-    /// Faces of any number of sides: next and previous half-edge, and face, of each half-edge.
-    Polygons(Vec<[u32; 3]>),
+    /// Faces of any number of sides: the face of each half-edge, and the first half-edge of each face and behind the last.
+    Polygons(Vec<u32>, Vec<u32>),
 }
 
 /// What lies around a vertex, counter-clockwise; at a boundary from one boundary edge to the other.
@@ -142,7 +147,10 @@ impl Connectivity {
             Turns::Triangles if half % 3 == 2 => half - 2,
             Turns::Triangles => half + 1,
             Turns::Quads => half & !3 | (half + 1) & 3,
-            Turns::Polygons(turns) => turns[half as usize][0],
+            Turns::Polygons(faces, firsts) => {
+                let face = faces[half as usize] as usize;
+                if half + 1 == firsts[face + 1] { firsts[face] } else { half + 1 }
+            }
         }
     }
 
@@ -151,7 +159,10 @@ impl Connectivity {
             Turns::Triangles if half.is_multiple_of(3) => half + 2,
             Turns::Triangles => half - 1,
             Turns::Quads => half & !3 | half.wrapping_sub(1) & 3,
-            Turns::Polygons(turns) => turns[half as usize][1],
+            Turns::Polygons(faces, firsts) => {
+                let face = faces[half as usize] as usize;
+                if half == firsts[face] { firsts[face + 1] - 1 } else { half - 1 }
+            }
         }
     }
 
@@ -160,7 +171,7 @@ impl Connectivity {
         match &self.turns {
             Turns::Triangles => half / 3,
             Turns::Quads => half / 4,
-            Turns::Polygons(turns) => turns[half as usize][2],
+            Turns::Polygons(faces, _) => faces[half as usize],
         }
     }
 
@@ -202,7 +213,7 @@ impl Connectivity {
             let after = self.twin(self.previous(half));
             (after != NONE && after != start).then_some(after)
         };
-        std::iter::successors((start != NONE).then_some(start), after)
+        iter::successors((start != NONE).then_some(start), after)
     }
 
     /// Compares the faces in the fan around each vertex with the faces that name it.
@@ -225,7 +236,10 @@ impl Connectivity {
 
     /// How many bytes it holds.
     pub(crate) fn size(&self) -> usize {
-        let turns = if let Turns::Polygons(turns) = &self.turns { turns.len() * 12 } else { 0 };
+        let turns = match &self.turns {
+            Turns::Polygons(faces, firsts) => 4 * (faces.len() + firsts.len()),
+            _ => 0,
+        };
         self.faces.corners().size() + self.edge_of.len() * 4 + self.halves.len() * 8 + turns
     }
 }
@@ -235,24 +249,33 @@ impl Turns {
         match faces.sides() {
             Some(3) => Self::Triangles,
             Some(4) => Self::Quads,
-            _ => Self::Polygons(turns(faces)),
+            _ => {
+                let mut of_halves = huge_vec(faces.corners().len());
+                by_faces(faces, 0..faces.len(), &mut of_halves, |here, to| {
+                    let of_halves =
+                        here.flat_map(|k| iter::repeat_n(k as u32, faces.face(k).len()));
+                    to.iter_mut().zip(of_halves).for_each(|(to, face)| *to = face);
+                });
+                let first = |face: usize| faces.first_corner(face) as u32;
+                Self::Polygons(of_halves, Vec::from_iter((0..=faces.len()).map(first)))
+            }
         }
     }
 }
 
-/// Next and previous half-edge and the face of each half-edge, for faces of any number of sides.
-fn turns(faces: &Faces) -> Vec<[u32; 3]> {
-    let mut turns = Vec::with_capacity(faces.corners().len());
-    for (index, face) in (0..).zip(faces.iter()) {
-        let first = turns.len() as u32;
-        let sides = face.len() as u32;
-        turns.extend((0..sides).map(|k| {
-            let next = if k + 1 == sides { first } else { first + k + 1 };
-            let previous = if k == 0 { first + sides - 1 } else { first + k - 1 };
-            [next, previous, index]
-        }));
-    }
-    turns
+/// Calls `f` with some of these faces at a time and the items of their corners, on all threads.
+pub(crate) fn by_faces<T: Send>(
+    faces: &Faces,
+    which: Range<usize>,
+    mut items: &mut [T],
+    f: impl Fn(Range<usize>, &mut [T]) + Sync,
+) {
+    let blocks = which.clone().step_by(BLOCK).map(|first| {
+        let here = first..which.end.min(first + BLOCK);
+        let count = faces.first_corner(here.end) - faces.first_corner(first);
+        (here, items.split_off_mut(..count).expect("an item for each corner"))
+    });
+    Vec::from_iter(blocks).into_par_iter().for_each(|(here, items)| f(here, items));
 }
 
 /// Finds edges with more than two faces, and those that both faces run through in the same direction.

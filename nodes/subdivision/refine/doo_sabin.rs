@@ -15,15 +15,12 @@ use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
 
-use super::connectivity::{Connectivity, NONE, Ring};
+use super::connectivity::{BLOCK, Connectivity, NONE, Ring, by_faces};
 use super::dual_halves::DualFaces;
 use super::topology::Topology;
-use crate::masks::turns::turn;
+use crate::masks::turns::{turn, turns};
 use crate::{Boundary, SubdivideError};
 use maquette_base::linear::mix::Mix;
-
-/// Elements that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
-const BLOCK: usize = 4096;
 
 /// How to refine a mesh once.
 #[derive(Debug)]
@@ -39,6 +36,15 @@ pub(crate) struct Dual {
     edges: Vec<u32>,
     vertices: Vec<u32>,
     /// Whether two faces alone meet at a vertex inside, which then gets none.
+    has_pairs: bool,
+}
+
+/// The new faces around some old vertices.
+#[derive(Default)]
+struct Around {
+    corners: Vec<u32>,
+    sides: Vec<usize>,
+    vertices: Vec<u32>,
     has_pairs: bool,
 }
 
@@ -99,35 +105,71 @@ impl Dual {
 
     fn build_faces(&mut self) {
         let mesh = &self.mesh;
-        let n_halves = mesh.corners().len() as u32;
-        let mut sides: Vec<usize> = mesh.faces.iter().map(<[u32]>::len).collect();
-        let mut corners: Vec<u32> = Vec::with_capacity(4 * n_halves as usize);
-        corners.extend(0..n_halves);
-        for (edge, &[owner, twin]) in (0..).zip(&mesh.halves) {
-            if twin != NONE {
-                corners.extend([mesh.next(owner), owner, mesh.next(twin), twin]);
-            } else if let Some([near, far]) = self.on_border(edge) {
-                corners.extend([mesh.next(owner), owner, near, far]);
-            } else {
-                continue;
-            }
-            sides.push(4);
-            self.edges.push(edge);
-        }
-        let mut ring = Ring::default();
-        for (vertex, &start) in (0..).zip(&self.starts) {
-            mesh.ring(start, &mut ring);
-            let [first, last] = self.border_points(&ring);
-            let count = ring.halves.len() + usize::from(first.is_some()) * 2;
-            if count < 3 || (!ring.closed && first.is_none()) {
-                self.has_pairs |= ring.closed;
-                continue;
-            }
-            corners.extend(first.into_iter().chain(ring.halves.iter().copied()).chain(last));
-            sides.push(count);
-            self.vertices.push(vertex);
+        let (inner, n_faces) = (mesh.corners().len(), mesh.faces.len());
+        let edges = (0..mesh.halves.len() as u32).into_par_iter().with_min_len(BLOCK);
+        let has_border = self.boundary != Boundary::None;
+        self.edges = edges.filter(|&edge| has_border || !mesh.is_boundary(edge)).collect();
+        let blocks = self.starts.par_chunks(BLOCK).enumerate();
+        let around = blocks.map(|(block, starts)| self.around(block, starts));
+        let around: Vec<Around> = around.collect();
+        let count = |list: fn(&Around) -> usize| around.iter().map(list).sum::<usize>();
+
+        let mut sides = huge_vec(n_faces + self.edges.len() + count(|it| it.sides.len()));
+        sides.clear();
+        sides.extend(mesh.faces.iter().map(<[u32]>::len));
+        sides.resize(n_faces + self.edges.len(), 4);
+        let across = inner + 4 * self.edges.len();
+        let mut corners = huge_vec(across + count(|it| it.corners.len()));
+        let own = corners[..inner].par_iter_mut().enumerate().with_min_len(BLOCK);
+        own.for_each(|(half, to)| *to = half as u32);
+        let quads = corners[inner..across].as_chunks_mut::<4>().0.par_iter_mut();
+        quads.zip(&self.edges).with_min_len(BLOCK).for_each(|(to, &edge)| {
+            let [owner, twin] = mesh.halves[edge as usize];
+            let beyond = match twin {
+                NONE => self.on_border(edge).expect("an edge of the border"),
+                twin => [mesh.next(twin), twin],
+            };
+            *to = [mesh.next(owner), owner, beyond[0], beyond[1]];
+        });
+        let mut rest = &mut corners[across..];
+        for around in around {
+            let to = rest.split_off_mut(..around.corners.len()).expect("as many as counted");
+            to.copy_from_slice(&around.corners);
+            sides.extend(around.sides);
+            self.vertices.extend(around.vertices);
+            self.has_pairs |= around.has_pairs;
         }
         self.finer = Faces::polygons(&sides, corners).expect("as many corners as counted");
+    }
+
+    /// The faces around the vertices of a block, from which `starts` run.
+    fn around(&self, block: usize, starts: &[u32]) -> Around {
+        let mesh = &self.mesh;
+        let mut around = Around::default();
+        for (vertex, &start) in (block * BLOCK..).zip(starts) {
+            let is_open = start != NONE && mesh.twin(start) == NONE;
+            if start == NONE || is_open && self.boundary == Boundary::None {
+                continue;
+            }
+            let first = around.corners.len();
+            let on_border = |half: u32, end: usize| {
+                let points = is_open.then(|| self.on_border(mesh.edge_of[half as usize]));
+                points.flatten().map(|points| points[end])
+            };
+            around.corners.extend(on_border(start, 0));
+            around.corners.extend(mesh.fan(start));
+            let last = around.corners[around.corners.len() - 1];
+            around.corners.extend(on_border(mesh.previous(last), 1));
+            let count = around.corners.len() - first;
+            if count < 3 {
+                around.has_pairs = true;
+                around.corners.truncate(first);
+            } else {
+                around.sides.push(count);
+                around.vertices.push(vertex as u32);
+            }
+        }
+        around
     }
 
     /// The two new vertices on an edge of the border, the one near its owner's start first.
@@ -135,18 +177,6 @@ impl Dual {
         let place = self.border.binary_search(&edge).ok()?;
         let first = (self.mesh.corners().len() + 2 * place) as u32;
         Some([first, first + 1])
-    }
-
-    /// The new vertices on the border next to the one inside `ring`: that on its first edge, and that on its last.
-    fn border_points(&self, ring: &Ring) -> [Option<u32>; 2] {
-        let (Some(first), Some(last), false) = (ring.edges.first(), ring.edges.last(), ring.closed)
-        else {
-            return [None; 2];
-        };
-        [
-            self.on_border(*first).map(|points| points[0]),
-            self.on_border(*last).map(|points| points[1]),
-        ]
     }
 
     /// Number of vertices of the refined mesh.
@@ -158,11 +188,17 @@ impl Dual {
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let (mesh, corners) = (&*self.mesh, self.mesh.corners());
         let at = |corner: u32| old[corner as usize].coords;
-        let inside = Inside::new(mesh, old);
         let mut new: Vec<Point3<f64>> = huge_vec(self.n_finer());
         let (inner, on_border) = new.split_at_mut(corners.len());
-        inner.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(half, to)| {
-            *to = inside.at(half as u32).into();
+        by_faces(&mesh.faces, 0..mesh.faces.len(), inner, |faces, mut to| {
+            for face in faces.map(|face| mesh.faces.face(face)) {
+                let turns = turns(face.len());
+                let moments = moments(face, &turns, old);
+                for (&corner, turn) in face.iter().zip(&*turns) {
+                    let to = to.split_off_first_mut().expect("a place for each corner");
+                    *to = inside(at(corner), &moments, *turn).into();
+                }
+            }
         });
         for (to, &edge) in on_border.as_chunks_mut::<2>().0.iter_mut().zip(&self.border) {
             let [a, b] = mesh.ends(edge).map(at);
@@ -260,29 +296,18 @@ impl Dual {
 pub(crate) struct Inside<'a> {
     mesh: &'a Connectivity,
     old: &'a [Point3<f64>],
-    /// The parts of each face's corners that its new vertices have in common: 3/4 of the centroid, and shares of the sums of cosines and of
-    /// sines.
+    /// The [`moments()`] of each face.
     moments: Vec<[[f64; 3]; 3]>,
 }
 
 impl<'a> Inside<'a> {
     pub(crate) fn new(mesh: &'a Connectivity, old: &'a [Point3<f64>]) -> Self {
-        let mut moments: Vec<[[f64; 3]; 3]> = huge_vec(mesh.faces.len());
-        moments.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(face, to)| {
+        let mut of_faces = huge_vec(mesh.faces.len());
+        of_faces.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(face, to)| {
             let face = mesh.faces.face(face);
-            let m = face.len();
-            let mut sums = [Vector3::zeros(); 3];
-            for (j, &corner) in face.iter().enumerate() {
-                let [cosine, sine] = turn(j, m);
-                let point = old[corner as usize].coords;
-                sums[0] += point;
-                sums[1] += point * cosine;
-                sums[2] += point * sine;
-            }
-            let m = m as f64;
-            *to = [sums[0] * (0.75 / m), sums[1] * (0.5 / m), sums[2] * (0.5 / m)].map(Into::into);
+            *to = moments(face, &turns(face.len()), old);
         });
-        Self { mesh, old, moments }
+        Self { mesh, old, moments: of_faces }
     }
 
     /// The new vertex at a corner.
@@ -290,11 +315,30 @@ impl<'a> Inside<'a> {
     pub(crate) fn at(&self, half: u32) -> Vector3<f64> {
         let (faces, face) = (&self.mesh.faces, self.mesh.face_of(half) as usize);
         let (first, end) = (faces.first_corner(face), faces.first_corner(face + 1));
-        let [cosine, sine] = turn(half as usize - first, end - first);
-        let [center, a, b] = self.moments[face].map(Vector3::from);
         let own = self.old[self.mesh.corners()[half as usize] as usize].coords;
-        own * 0.25 + center + (a * cosine + b * sine)
+        inside(own, &self.moments[face], turn(half as usize - first, end - first))
     }
+}
+
+/// The parts of a face's corners that its new vertices have in common: 3/4 of the centroid, and shares of the sums of cosines and of
+/// sines.
+fn moments(face: &[u32], turns: &[[f64; 2]], old: &[Point3<f64>]) -> [[f64; 3]; 3] {
+    let mut sums = [Vector3::zeros(); 3];
+    for (&corner, [cosine, sine]) in face.iter().zip(turns) {
+        let point = old[corner as usize].coords;
+        sums[0] += point;
+        sums[1] += point * *cosine;
+        sums[2] += point * *sine;
+    }
+    let m = face.len() as f64;
+    [sums[0] * (0.75 / m), sums[1] * (0.5 / m), sums[2] * (0.5 / m)].map(Into::into)
+}
+
+/// The new vertex at a corner whose place is `own`.
+#[inline]
+fn inside(own: Vector3<f64>, moments: &[[f64; 3]; 3], [cosine, sine]: [f64; 2]) -> Vector3<f64> {
+    let [center, a, b] = moments.map(Vector3::from);
+    own * 0.25 + center + (a * cosine + b * sine)
 }
 
 /// What is at a share of the way from `a` to `b`.

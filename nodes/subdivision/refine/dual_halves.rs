@@ -8,7 +8,7 @@ use maquette::memory::huge_vec;
 use maquette::parallel::*;
 use maquette::value::Faces;
 
-use super::connectivity::{Connectivity, NONE};
+use super::connectivity::{BLOCK, Connectivity, NONE, by_faces};
 
 /// What is known of the new faces.
 pub(crate) struct DualFaces<'a> {
@@ -19,9 +19,6 @@ pub(crate) struct DualFaces<'a> {
     /// Number of new vertices.
     pub(crate) vertices: usize,
 }
-
-/// Half-edges that one task looks at.
-const BLOCK: usize = 1 << 14;
 
 impl DualFaces<'_> {
     /// The half-edges of the new faces, and one from each new vertex as [`Connectivity::ring`] wants it.
@@ -47,27 +44,49 @@ impl DualFaces<'_> {
             *edge = half as u32;
             *halves = [half as u32, across(old, if is_owner { 0 } else { 2 })];
         });
-        // Across: two of them are owners, three at the border; their twins are found by the faces around.
-        let mut next = inner;
-        for (face, &edge) in edges.iter().enumerate() {
-            let [owner, twin] = mesh.halves[edge as usize];
-            let first = inner + 4 * face;
-            edge_of[first] = owner;
-            for k in 1..4 {
-                if k == 2 && twin != NONE {
-                    edge_of[first + 2] = twin;
-                } else {
-                    edge_of[first + k] = next as u32;
-                    halves[next] = [(first + k) as u32, NONE];
-                    next += 1;
+        // The half-edge around an old vertex that runs from each new one, if any.
+        let mut from = vec![NONE; vertices];
+        let corners = &faces.corners()[..];
+        (around as u32..).zip(&corners[around..]).for_each(|(half, &at)| from[at as usize] = half);
+        // Across: two of them are owners, three at the border; their twins are in the faces around.
+        let (mut next, mut rest) = (inner, &mut halves[inner..]);
+        let blocks = edges.chunks(BLOCK).map(|edges| {
+            let border = edges.iter().filter(|&&edge| mesh.is_boundary(edge)).count();
+            let own = rest.split_off_mut(..2 * edges.len() + border).expect("room for each owner");
+            next += own.len();
+            (edges, next - own.len(), own)
+        });
+        let edges_of = edge_of[inner..around].par_chunks_mut(4 * BLOCK);
+        edges_of.zip(Vec::from_iter(blocks)).enumerate().for_each(
+            |(block, (edge_of, (edges, next, halves)))| {
+                let first = inner + 4 * BLOCK * block;
+                let mut owners = (next as u32..).zip(halves);
+                for (k, edge_of) in edge_of.iter_mut().enumerate() {
+                    let [owner, twin] = mesh.halves[edges[k / 4] as usize];
+                    *edge_of = match k % 4 {
+                        0 => owner,
+                        2 if twin != NONE => twin,
+                        side => {
+                            let (edge, halves) = owners.next().expect("as many owners as counted");
+                            let half = first + k;
+                            let to = if side == 3 { half - 3 } else { half + 1 };
+                            let twin = if side == 2 { NONE } else { from[corners[to] as usize] };
+                            *halves = [half as u32, twin];
+                            edge
+                        }
+                    };
                 }
-            }
-        }
-        // Around: those beside faces across have their owners there.
-        let mut half = around;
-        for face in mesh.faces.len() + edges.len()..faces.len() {
-            let corners = faces.face(face);
-            for (&from, &to) in corners.iter().zip(corners[1..].iter().chain(&corners[..1])) {
+            },
+        );
+        // Around: those beside faces across have their owners there; the others are alone.
+        let (before, edge_of_around) = edge_of.split_at_mut(around);
+        let first = mesh.faces.len() + edges.len();
+        by_faces(faces, first..faces.len(), edge_of_around, |here, to| {
+            let around = here.flat_map(|face| {
+                let corners = faces.face(face);
+                corners.iter().zip(corners[1..].iter().chain(&corners[..1]))
+            });
+            for ((&from, &to), edge_of) in around.zip(to) {
                 let owner = match [from, to].map(|vertex| (vertex as usize) < inner) {
                     [true, _] => {
                         let before = mesh.previous(from);
@@ -78,16 +97,14 @@ impl DualFaces<'_> {
                     [false, true] => across(mesh.edge_of[to as usize], 1),
                     [false, false] => NONE,
                 };
-                if owner == NONE {
-                    edge_of[half] = next as u32;
-                    halves[next] = [half as u32, NONE];
-                    next += 1;
-                } else {
-                    edge_of[half] = edge_of[owner as usize];
-                    halves[edge_of[half] as usize][1] = half as u32;
-                }
-                half += 1;
+                *edge_of = if owner == NONE { NONE } else { before[owner as usize] };
             }
+        });
+        let alone = (around as u32..).zip(edge_of_around).filter(|(_, edge)| **edge == NONE);
+        for (half, edge) in alone {
+            *edge = next as u32;
+            halves[next] = [half, NONE];
+            next += 1;
         }
         halves.truncate(next);
         let starts = starts(faces, &halves, inner, vertices);
