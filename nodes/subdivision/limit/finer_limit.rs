@@ -11,6 +11,7 @@ use nalgebra::{Point3, Vector3};
 use super::limit_rows::{complete_normals, side_normals, vertex_normal};
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
+use crate::masks::regular_rules::{Quads, ThreeSided, Walk};
 use crate::masks::sharpness::Sharpness;
 use crate::masks::stars::{Masks, Scratch, Stars};
 use crate::refine::level::{BLOCK, Level};
@@ -60,20 +61,13 @@ impl FinerLimit {
     /// If a place becomes infinite.
     pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         let control = &mesh.positions()[..];
-        let mut regular: Vec<[[f64; 3]; 2]> = huge_vec(control.len());
-        match self.level.rules.scheme {
-            PrimalScheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
-            PrimalScheme::CatmullClark => {
-                self.at_regular(control, &mut regular, Corners, b_spline);
-            }
-        }
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
-        let both = positions.par_iter_mut().zip(&mut normals).with_min_len(BLOCK);
-        both.zip(&regular).for_each(|((position, normal), &[place, across])| {
-            (*position, *normal) = (place.into(), across);
-        });
-        drop(regular);
+        let to = (&mut positions[..], &mut normals[..]);
+        match self.level.rules.scheme {
+            PrimalScheme::Loop => self.at_regular(control, to, Triangles, box_spline),
+            PrimalScheme::CatmullClark => self.at_regular(control, to, Corners, b_spline),
+        }
         let odd = self.positions.apply(control);
         for (&[vertex, _], point) in self.level.odd.iter().zip(odd) {
             positions[vertex as usize] = point;
@@ -123,16 +117,16 @@ impl FinerLimit {
 
     /// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
     fn regular(&self, control: &[Point3<f64>], vertex: usize) -> (Point3<f64>, Vector3<f64>) {
-        let level = &*self.level;
-        let [place, first, second] = match level.rules.scheme {
+        let (level, corners) = (&*self.level, self.level.mesh.corners());
+        let regular = match level.rules.scheme {
             PrimalScheme::Loop => {
-                box_spline(level, control, vertex, &level.ring_of(vertex, Triangles))
+                box_spline(corners, control, vertex, &level.ring_of(vertex, Triangles))
             }
             PrimalScheme::CatmullClark => {
-                b_spline(level, control, vertex, &level.ring_of(vertex, Corners))
+                b_spline(corners, control, vertex, &level.ring_of(vertex, Corners))
             }
         };
-        (place.into(), first.cross(&second).try_normalize(0.0).unwrap_or_default())
+        placed(regular)
     }
 
     /// A half-edge from a regular vertex.
@@ -152,26 +146,31 @@ impl FinerLimit {
     fn at_regular<K: Split>(
         &self,
         control: &[Point3<f64>],
-        to: &mut [[[f64; 3]; 2]],
+        to: (&mut [Point3<f64>], &mut [[f64; 3]]),
         split: K,
-        masks: impl Fn(&Level, &[Point3<f64>], usize, &[u32]) -> Regular + Sync,
+        masks: impl Fn(&[u32], &[Point3<f64>], usize, &[u32]) -> Regular + Sync,
     ) {
+        let corners = self.level.mesh.corners();
         self.level.at_regular(to, split, |vertex, halves| {
-            let [place, first, second] = masks(&self.level, control, vertex, halves);
-            let normal = first.cross(&second).try_normalize(0.0).unwrap_or_default();
-            [place.into(), normal.into()]
+            let (place, normal) = placed(masks(corners, control, vertex, halves));
+            (place, normal.into())
         });
     }
 }
 
+/// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
+#[inline]
+fn placed([place, first, second]: Regular) -> (Point3<f64>, Vector3<f64>) {
+    (place.into(), first.cross(&second).try_normalize(0.0).unwrap_or_default())
+}
+
 /// The bicubic B-spline: `(16 v + 4 sum e_j + sum d_j) / 36` and its derivatives.
 #[inline]
-fn b_spline(level: &Level, control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
-    let (mesh, corners) = (&level.mesh, level.mesh.corners());
+fn b_spline(corners: &[u32], control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
     let at = |half: u32| control[corners[half as usize] as usize].coords;
     let around: [[Vector3<f64>; 2]; 4] = std::array::from_fn(|j| {
-        let next = mesh.next(halves[j]);
-        [at(next), at(mesh.next(next))]
+        let next = Quads.next(halves[j]);
+        [at(next), at(Quads.next(next))]
     });
     let [[e0, d0], [e1, d1], [e2, d2], [e3, d3]] = around;
     let (edges, corners) = ((e0 + e1) + (e2 + e3), (d0 + d1) + (d2 + d3));
@@ -183,10 +182,10 @@ fn b_spline(level: &Level, control: &[Point3<f64>], vertex: usize, halves: &[u32
 
 /// The quartic box spline: `(6 v + sum e_j) / 12` and its derivatives.
 #[inline]
-fn box_spline(level: &Level, control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
-    let (mesh, corners) = (&level.mesh, level.mesh.corners());
-    let around: [Vector3<f64>; 6] =
-        std::array::from_fn(|j| control[corners[mesh.next(halves[j]) as usize] as usize].coords);
+fn box_spline(corners: &[u32], control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
+    let around: [Vector3<f64>; 6] = std::array::from_fn(|j| {
+        control[corners[ThreeSided.next(halves[j]) as usize] as usize].coords
+    });
     let [e0, e1, e2, e3, e4, e5] = around;
     let sum = ((e0 + e1) + (e2 + e3)) + (e4 + e5);
     let place = (control[vertex].coords * 6.0 + sum) / 12.0;

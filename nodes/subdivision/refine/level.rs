@@ -112,19 +112,19 @@ impl Level {
         old.chain(on_edges).chain(in_faces).collect()
     }
 
-    /// Writes what `make` gives for each regular vertex, from its number and the half-edges from it, counter-clockwise.
-    pub(crate) fn at_regular<T: Send, K: Split>(
+    /// Writes what `make` gives for each regular vertex to two lists, from its number and the half-edges from it, counter-clockwise.
+    pub(crate) fn at_regular<A: Send, B: Send, K: Split>(
         &self,
-        to: &mut [T],
+        to: Both<'_, A, B>,
         split: K,
-        make: impl Fn(usize, &[u32]) -> T + Sync,
+        make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
         let (mut level, mut rest, mut age) = (self, to, 0);
         while let Some(coarser) = &level.coarser {
             let old = &coarser.mesh;
             let born = [old.vertices, old.vertices + old.halves.len()];
-            let (older, newer) = rest.split_at_mut(born[0]);
-            let (on_edges, in_faces) = newer.split_at_mut(old.halves.len());
+            let [older, newer] = split_both(rest, born[0]);
+            let [on_edges, in_faces] = split_both(newer, old.halves.len());
             at_born(on_edges, [born[0], age], split, &make, |index, ring| {
                 let [owner, twin] = old.halves[index];
                 if twin == NONE {
@@ -185,25 +185,34 @@ impl Level {
     }
 }
 
+/// Items of two lists at the same places.
+type Both<'a, A, B> = (&'a mut [A], &'a mut [B]);
+
+fn split_both<A, B>((a, b): Both<'_, A, B>, place: usize) -> [Both<'_, A, B>; 2] {
+    let ((a, rest_of_a), (b, rest_of_b)) = (a.split_at_mut(place), b.split_at_mut(place));
+    [(a, b), (rest_of_a, rest_of_b)]
+}
+
 /// The part of [`Level::at_regular`] for vertices from `first` on, all born `age` steps ago; `birth` gives the half-edges from a
 /// vertex in the mesh in which it was born, or tells that it is odd.
 #[inline]
-fn at_born<T: Send, K: Split>(
-    to: &mut [T],
+fn at_born<A: Send, B: Send, K: Split>(
+    to: Both<'_, A, B>,
     [first, age]: [usize; 2],
     split: K,
-    make: &(impl Fn(usize, &[u32]) -> T + Sync),
+    make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     birth: impl Fn(usize, &mut [u32]) -> bool + Sync,
 ) {
-    to.par_chunks_mut(BLOCK).enumerate().for_each(|(block, to)| {
-        for (index, to) in (BLOCK * block..).zip(to) {
+    let blocks = to.0.par_chunks_mut(BLOCK).zip(to.1.par_chunks_mut(BLOCK)).enumerate();
+    blocks.for_each(|(block, to)| {
+        for (index, to) in (BLOCK * block..).zip(to.0.iter_mut().zip(to.1)) {
             let mut ring = [0; 6];
             let ring = &mut ring[..K::VALENCE];
             if !birth(index, ring) {
                 continue;
             }
             grow_older(ring, age, split);
-            *to = make(first + index, ring);
+            (*to.0, *to.1) = make(first + index, ring);
         }
     });
 }

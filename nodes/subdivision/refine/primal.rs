@@ -125,10 +125,11 @@ impl Primal {
                 *new = kind.on_edge(walk, corners, halves, old, in_faces);
             }
         });
-        self.level.at_regular(kept, kind, |vertex, halves| {
+        let nothing = &mut vec![(); kept.len()][..];
+        self.level.at_regular((kept, nothing), kind, |vertex, halves| {
             let neighbors = halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
             let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
-            kind.regular(old[vertex], neighbors, faces)
+            (kind.regular(old[vertex], neighbors, faces), ())
         });
         let column = |column: u32| match old.get(column as usize) {
             Some(point) => *point,
