@@ -65,10 +65,11 @@ pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
 /// Lets the rows that wait grow, and those whose neighbor has changed, until none changes.
 fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool>) {
     let height = waiting.len();
+    let mut touching = vec![0; words + 1];
     let mut is_done = height == 0;
     while !is_done {
         for row in (0..height).chain((0..height).rev()) {
-            if std::mem::take(&mut waiting[row]) && grow(row, words, weak, kept) {
+            if std::mem::take(&mut waiting[row]) && grow(row, weak, kept, &mut touching) {
                 waiting[row.saturating_sub(1)] = true;
                 waiting[(row + 1).min(height - 1)] = true;
             }
@@ -77,57 +78,42 @@ fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool
     }
 }
 
-/// Lets a row grow into what its neighbors and the row itself touch; whether it did.
-fn grow(row: usize, words: usize, weak: &[u64], kept: &mut [u64]) -> bool {
-    let (above, rest) = kept.split_at_mut(row * words);
-    let (here, below) = rest.split_at_mut(words);
-    let neighbors = [above.rchunks_exact(words).next(), below.chunks_exact(words).next()];
+/// Lets a row grow into what its neighbors and the row itself touch; whether it did. `touching` is room for a row and a word of 0.
+fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> bool {
+    let words = touching.len() - 1;
+    let rows = row.saturating_sub(1) * words..kept.len().min((row + 2) * words);
+    touching[..words].fill(0);
+    for row in kept[rows].chunks_exact(words) {
+        touching.iter_mut().zip(row).for_each(|(touching, word)| *touching |= word);
+    }
     let weak = &weak[row * words..][..words];
+    let here = &mut kept[row * words..][..words];
     let mut changed = 0;
-    let mut carry = false;
-    for k in 0..words {
-        if here[k] == weak[k] {
-            // Nothing is left to grow into.
-            carry = weak[k] >> (WORD - 1) == 1;
-            continue;
-        }
-        let mut seeds = here[k];
-        for row in neighbors.into_iter().flatten() {
-            seeds |= widened(row, k);
-        }
-        let grown = run_on(seeds & weak[k], weak[k], &mut carry);
-        changed |= grown ^ here[k];
-        here[k] = grown;
+    let (mut carry, mut before) = (false, 0);
+    for ((here, &weak), touching) in here.iter_mut().zip(weak).zip(touching.windows(2)) {
+        let [word, after] = [touching[0], touching[1]];
+        let seeds = word | word << 1 | word >> 1 | before | after << (WORD - 1);
+        let grown = run_on(seeds & weak, weak, &mut carry);
+        changed |= grown ^ *here;
+        (*here, before) = (grown, word >> (WORD - 1));
     }
     carry = false;
-    for k in (0..words).rev() {
-        if here[k] == weak[k] {
-            carry = weak[k] & 1 == 1;
-            continue;
+    for (here, &weak) in here.iter_mut().zip(weak).rev() {
+        if *here == weak {
+            // Nothing is left to grow into.
+            carry = weak & 1 == 1;
+        } else if *here != 0 || carry {
+            let (seeds, weak) = (here.reverse_bits(), weak.reverse_bits());
+            let grown = run_on(seeds, weak, &mut carry).reverse_bits();
+            changed |= grown ^ *here;
+            *here = grown;
         }
-        if here[k] == 0 && !carry {
-            continue;
-        }
-        let (seeds, weak) = (here[k].reverse_bits(), weak[k].reverse_bits());
-        let grown = run_on(seeds, weak, &mut carry).reverse_bits();
-        changed |= grown ^ here[k];
-        here[k] = grown;
     }
     changed != 0
 }
 
-/// Word `k` of a row, with every bit spread to both sides.
-fn widened(row: &[u64], k: usize) -> u64 {
-    let before = if k == 0 { 0 } else { row[k - 1] >> (WORD - 1) };
-    let after = row.get(k + 1).map_or(0, |word| word << (WORD - 1));
-    row[k] | row[k] << 1 | row[k] >> 1 | before | after
-}
-
 /// Fills the runs of weak bits from their seeds to their upper ends; `carry` goes from one word to the next.
 fn run_on(seeds: u64, weak: u64, carry: &mut bool) -> u64 {
-    if seeds == 0 && !*carry {
-        return 0;
-    }
     // Adding a seed to its run turns over every bit from the seed to the run's end, but for other seeds.
     let (sum, over) = weak.overflowing_add(seeds);
     let (sum, over_too) = sum.overflowing_add(u64::from(*carry));

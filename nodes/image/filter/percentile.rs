@@ -1,7 +1,5 @@
 //! The number below which a given share of many numbers lies.
 
-use std::borrow::Cow;
-
 use maquette::parallel::*;
 
 /// Numbers that one thread counts at a time.
@@ -10,62 +8,68 @@ const CHUNK: usize = 1 << 20;
 /// Of `numbers`, none negative and none NaN, where `within` is 1 (everywhere if left out), the least one that at least
 /// `percent` of them do not exceed: the nearest rank, one of the numbers themselves. None if there are none.
 ///
-/// Two passes: one counts the numbers by their upper 16 bits, whose order is that of the numbers; the other sorts out those
-/// that have the same upper bits as the one looked for.
+/// Two passes count the numbers, whose order is that of their bits: one by their upper 16 bits, the other by the lower ones those that
+/// have the upper bits of the one looked for.
 pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -> Option<f32> {
-    let counts = count_by_upper_bits(numbers, within);
+    let counts = count(numbers, within, |numbers, counts| {
+        (0..).zip(numbers).for_each(|(k, number)| counts[upper_bits(*number)][k % 2] += 1);
+    });
     let total: u64 = counts.iter().sum();
     let rank = ((percent / 100.0 * total as f64).ceil() as u64).clamp(1, total.max(1)) - 1;
-    let mut before = 0;
-    let upper = counts.iter().position(|count| {
-        before += count;
-        rank < before
-    })?;
-    let alike = |numbers: &[f32]| -> Vec<f32> {
-        numbers.iter().copied().filter(|number| upper_bits(*number) == upper).collect()
-    };
-    let mut alike =
-        inside(numbers, within).map(|numbers| alike(&numbers)).collect::<Vec<_>>().concat();
-    let place = (rank - (before - counts[upper])) as usize;
-    Some(*alike.select_nth_unstable_by(place, f32::total_cmp).1)
+    let (upper, rank) = find(&counts, rank)?;
+    let counts = count(numbers, within, |numbers, counts| {
+        // Few are alike: whether any of some is, is found by wide instructions.
+        for numbers in numbers.chunks(64) {
+            if numbers.iter().fold(false, |any, number| any | (upper_bits(*number) == upper)) {
+                let alike = (0..).zip(numbers).filter(|(_, number)| upper_bits(**number) == upper);
+                alike
+                    .for_each(|(k, number)| counts[number.to_bits() as usize & 0xffff][k % 2] += 1);
+            }
+        }
+    });
+    let (lower, _) = find(&counts, rank)?;
+    Some(f32::from_bits((upper << 16 | lower) as u32))
 }
 
 fn upper_bits(number: f32) -> usize {
     (number.to_bits() >> 16) as usize
 }
 
-/// The numbers inside of the mask, some at a time.
-fn inside<'a>(
-    numbers: &'a [f32],
-    within: Option<&'a [u8]>,
-) -> impl Parallel<Item = Cow<'a, [f32]>> {
-    numbers.par_chunks(CHUNK).enumerate().map(move |(chunk, numbers)| match within {
-        None => Cow::Borrowed(numbers),
-        Some(within) => {
-            let pairs = numbers.iter().zip(&within[chunk * CHUNK..]);
-            pairs.filter(|(_, inside)| **inside == 1).map(|(number, _)| *number).collect()
+/// Where the number of this rank was counted, and its rank there.
+fn find(counts: &[u64], mut rank: u64) -> Option<(usize, u64)> {
+    for (place, &count) in counts.iter().enumerate() {
+        if rank < count {
+            return Some((place, rank));
         }
-    })
+        rank -= count;
+    }
+    None
 }
 
-fn count_by_upper_bits(numbers: &[f32], within: Option<&[u8]>) -> Vec<u64> {
-    let count = |numbers: Cow<'_, [f32]>| {
-        // Neighbors are often alike; with two tables the processor need not wait for the sum just written.
-        let mut tables = [vec![0u64; 1 << 16], vec![0u64; 1 << 16]];
-        let (pairs, rest) = numbers.as_chunks::<2>();
-        for pair in pairs {
-            (0..2).for_each(|k| tables[k][upper_bits(pair[k])] += 1);
+/// The sums of what `f` counts of the numbers inside of the mask, some at a time, in 2^16 pairs. Neighbors are often alike; with two
+/// counts for each the processor need not wait for the sum just written.
+fn count(
+    numbers: &[f32],
+    within: Option<&[u8]>,
+    f: impl Fn(&[f32], &mut [[u32; 2]]) + Sync + Send + Copy,
+) -> Vec<u64> {
+    let of_chunk = |(chunk, numbers): (usize, &[f32])| {
+        let mut counts = vec![[0; 2]; 1 << 16];
+        match within {
+            None => f(numbers, &mut counts),
+            Some(within) => {
+                let pairs = numbers.iter().zip(&within[chunk * CHUNK..]);
+                let inside = pairs.filter(|(_, inside)| **inside == 1).map(|(number, _)| *number);
+                f(&Vec::from_iter(inside), &mut counts);
+            }
         }
-        rest.iter().for_each(|number| tables[0][upper_bits(*number)] += 1);
-        let [a, b] = tables;
-        add(a, b)
+        counts
     };
-    inside(numbers, within).map(count).reduce(|| vec![0; 1 << 16], add)
-}
-
-fn add(mut a: Vec<u64>, b: Vec<u64>) -> Vec<u64> {
-    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-    a
+    let mut sums = vec![0; 1 << 16];
+    for counts in numbers.par_chunks(CHUNK).enumerate().map(of_chunk).collect::<Vec<_>>() {
+        sums.iter_mut().zip(counts).for_each(|(sum, [a, b])| *sum += u64::from(a) + u64::from(b));
+    }
+    sums
 }
 
 #[cfg(test)]
