@@ -46,14 +46,12 @@ pub(super) fn at_limit(
             return None;
         }
         connectivity.ring(starts[vertex], ring);
-        stars.derivatives(vertex, ring)
+        stars.derivatives(vertex, ring).map(|(u, uu)| Bending::of_derivatives(u, uu))
     };
-    let regular: Vec<Option<Derivatives>> =
+    let regular: Vec<Option<Option<Bending>>> =
         (0..starts.len()).into_par_iter().with_min_len(1024).map_init(Ring::default, of).collect();
     let extraordinary = Vec::from_iter(regular.iter().map(Option::is_none));
-    let mut bending = Vec::from_iter(
-        regular.into_iter().map(|found| found.and_then(|(u, uu)| Bending::of_derivatives(u, uu))),
-    );
+    let mut bending = Vec::from_iter(regular.into_iter().map(Option::flatten));
     let others = Vec::from_iter((0..starts.len() as u32).filter(|&v| extraordinary[v as usize]));
     for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others, progress)?) {
         bending[vertex as usize] = found;

@@ -1,7 +1,7 @@
 //! The curvature of a surface at a point, from its derivatives or from points around.
 
 use maquette::value::Rgb;
-use nalgebra::{DMatrix, DVector, Matrix2, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix2, Point3, Vector3, Vector5};
 
 /// How a surface bends at a point.
 ///
@@ -88,18 +88,22 @@ impl Bending {
             let to = (point - middle) / size;
             [to.dot(&first), to.dot(&second), to.dot(&normal)]
         };
-        let mut rows = DMatrix::zeros(around.len(), 5);
-        let mut heights = DVector::zeros(around.len());
-        for (row, [x, y, z]) in around.iter().map(local).enumerate() {
-            let terms = [x * x, x * y, y * y, x, y];
-            terms.into_iter().enumerate().for_each(|(k, term)| rows[(row, k)] = term);
-            heights[row] = z;
-        }
-        let normal_rows = rows.transpose() * &rows;
-        let sizes = SymmetricEigen::new(normal_rows.clone()).eigenvalues;
-        let determined = sizes.min() > 1e-10 * sizes.max();
-        let fit =
-            normal_rows.cholesky().filter(|_| determined)?.solve(&(rows.transpose() * heights));
+        let of_point = |point: &Point3<f64>| {
+            let [x, y, z] = local(point);
+            let terms = Vector5::new(x * x, x * y, y * y, x, y);
+            (terms * terms.transpose(), terms * z)
+        };
+        let sums = around.iter().map(of_point).reduce(|a, b| (a.0 + b.0, a.1 + b.1));
+        let (normal_rows, heights) = sums?;
+        let cholesky = normal_rows.cholesky()?;
+        // The eigenvalues' product is at most the least one times the fourth power of the greatest, and that at most their sum: mostly it
+        // tells already that the least is large enough.
+        let sum = normal_rows.trace();
+        let is_determined = cholesky.determinant() > 1e-9 * (sum * sum * sum * sum * sum) || {
+            let sizes = normal_rows.symmetric_eigenvalues();
+            sizes.min() > 1e-10 * sizes.max()
+        };
+        let fit = is_determined.then(|| cholesky.solve(&heights))?;
         let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|k| fit[k]);
         let tangents = [first + normal * d, second + normal * e];
         let seconds = [2.0 * a, b, 2.0 * c].map(|bend| normal * (bend / size));

@@ -23,16 +23,12 @@ impl Neighbors {
 
     /// The vertices that are two edges away or less, or as many more rings as make `least`; without the vertex.
     pub(super) fn near(&self, vertex: u32, least: usize) -> Vec<u32> {
-        let mut found = vec![vertex];
-        let mut ring = vec![vertex];
-        let mut rings = 0;
-        while !ring.is_empty() && (rings < 2 || found.len() <= least) {
-            let next = ring.iter().flat_map(|&other| self.of(other));
-            ring = next.copied().filter(|other| found.binary_search(other).is_err()).collect();
-            ring.sort_unstable();
-            ring.dedup();
-            found.extend(&ring);
+        let (mut found, mut before, mut rings) = (vec![vertex], 0, 0);
+        while before < found.len() && (rings < 2 || found.len() <= least) {
+            before = found.len();
+            (0..before).for_each(|k| found.extend_from_slice(self.of(found[k])));
             found.sort_unstable();
+            found.dedup();
             rings += 1;
         }
         found.retain(|&other| other != vertex);
