@@ -85,8 +85,11 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     std::thread::spawn(move || {
         let Some(index) = graph.find(&name) else { return };
         let progress = Progress { report: None, cancel: Some(&token) };
+        let work = || call(&graph.nodes[index], &inputs, progress);
+        // Its loops would have to wait where others keep all common threads busy.
+        let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
         // Nobody may be waiting any more.
-        let _ = send.send(call(&graph.nodes[index], &inputs, progress));
+        let _ = send.send(own.and_then(|own| own.install(work)));
     });
     let ended = receive.recv_timeout(WORK).or_else(|_| {
         cancel.cancel();

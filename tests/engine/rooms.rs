@@ -110,7 +110,18 @@ const ROOMS: [(&str, &[&str]); 36] = [
     ("files", &["error", "node", "plain", "reading", "stamp", "value"]),
     (
         "format",
-        &["base64", "error", "memory", "pack", "parallel", "reading", "render", "text", "value"],
+        &[
+            "base64",
+            "error",
+            "memory",
+            "pack",
+            "parallel",
+            "provenance",
+            "reading",
+            "render",
+            "text",
+            "value",
+        ],
     ),
     (
         "golden",
@@ -140,7 +151,7 @@ const ROOMS: [(&str, &[&str]); 36] = [
         "page",
         &["catalog", "draw", "format", "graph", "plain", "probe", "render", "value", "writing"],
     ),
-    ("parallel", &[]),
+    ("parallel", &["memory"]),
     ("node", &["error", "limit", "plain", "reading", "text", "value"]),
     ("pack", &["error", "node", "plain", "provenance", "reading", "value"]),
     ("paths", &["text"]),
