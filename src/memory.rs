@@ -65,8 +65,9 @@ pub fn keep_freed() {
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn keep_freed() {}
 
-/// Asks for large pages under the items, if they are large: from the page in which they start to the one in which they end. With the allocator's own
-/// bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their borders.
+/// Asks for large pages under the items, if they are large: from the page in which they start to the one in which they end. With the
+/// allocator's own bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their
+/// borders.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;
@@ -78,8 +79,8 @@ fn advise<T>(items: &mut [T]) {
     let start: *mut c_void = items.as_mut_ptr().cast();
     let before = start.addr() % page;
     let bytes = (before + size_of_val(items)).next_multiple_of(page);
-    // SAFETY: all of these pages hold items, or room for them, so that they are mapped. The advice changes how the system backs them, never what is
-    // read from them, and an error changes nothing.
+    // SAFETY: all of these pages hold items, or room for them, so that they are mapped. The advice changes how the system backs them,
+    // never what is read from them, and an error changes nothing.
     let advised = unsafe {
         rustix::mm::madvise(
             start.wrapping_byte_sub(before),

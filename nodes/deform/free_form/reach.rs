@@ -40,9 +40,10 @@ impl Boxes {
     /// The rows of points that may move by more than `error` mm, those side by side as one.
     pub(crate) fn reached(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
         let mut rows: Vec<Range<u32>> = Vec::new();
-        let is_reached = |ends: &Ends| farthest(deformation, ends) > error;
-        let reached: Vec<bool> = self.boxes.par_iter().with_min_len(64).map(is_reached).collect();
-        for row in (0..reached.len()).filter(|&row| reached[row]) {
+        // What is no number is computed, so that it is told.
+        let stays = |ends: &Ends| farthest(deformation, ends) <= error;
+        let stays: Vec<bool> = self.boxes.par_iter().with_min_len(64).map(stays).collect();
+        for row in (0..stays.len()).filter(|&row| !stays[row]) {
             let [start, end] = [row * ROW, self.points.min((row + 1) * ROW)].map(|at| at as u32);
             match rows.last_mut() {
                 Some(last) if last.end == start => last.end = end,
