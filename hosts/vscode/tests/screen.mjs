@@ -126,9 +126,14 @@ check("6 a rename changes the name in all files and nothing else", async (page) 
 check("8 a node becomes a graph of its own, and comes back", async (page) => {
   await editor.open("doll.ron");
   const choose = async (title) => {
-    await editor.goto("doll.ron", '"spots":', 2);
-    await page.keyboard.press("Control+Shift+R");
     const action = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: title }).first();
+    // While it still takes in what was saved, the editor cancels its own question, and says that there is nothing.
+    await until(async () => {
+      await editor.goto("doll.ron", '"spots":', 2);
+      await page.keyboard.press("Control+Shift+R");
+      await action.waitFor({ timeout: 2000 });
+      return true;
+    });
     await action.hover({ force: true });
     await action.click({ force: true });
     await action.waitFor({ state: "detached" });
