@@ -21,6 +21,7 @@ mod attributes;
 mod cells;
 mod extremes;
 mod files;
+mod formats;
 mod migrations;
 mod promises;
 mod updates;
@@ -45,6 +46,7 @@ const MEMORY: usize = 1 << 30;
 /// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
 /// 12. What its migrations call old is not there, and what they call new is.
 /// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings.
+/// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -57,6 +59,7 @@ pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<S
     let catalog = Catalog::new(&packs);
     pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
     pack.readers.iter().for_each(|reader| files::check(reader, &catalog, &mut broken));
+    pack.formats.iter().for_each(|format| formats::check(format, &mut broken));
     migrations::check(pack, &catalog, &mut broken);
     for node in pack.nodes {
         let name = (node.name)();

@@ -13,7 +13,7 @@ use crate::error::{Error, Problem, Severity, code};
 use crate::files::Known;
 use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use crate::node::CancelToken;
-use crate::pack::NewFile;
+use crate::pack::{Content, NewFile};
 use crate::provenance::Signature;
 use crate::value::{AnyValue, Hash};
 
@@ -237,11 +237,28 @@ impl Evaluation {
         output: &GraphOutput,
         signature: Option<&Signature>,
     ) -> Option<Result<Vec<NewFile>, Error>> {
+        let file =
+            |(name, content): (_, Content<'_>)| NewFile { name, bytes: content.into_bytes() };
+        let files = self.contents(output, signature)?;
+        Some(files.and_then(|files| or_panic(|| Ok(files.into_iter().map(file).collect()))))
+    }
+
+    /// The same by their names, large ones in pieces.
+    pub(crate) fn contents(
+        &self,
+        output: &GraphOutput,
+        signature: Option<&Signature>,
+    ) -> Option<Result<Vec<(String, Content<'_>)>, Error>> {
         let value = self.value(output.node, output.output)?;
         let name = Path::new(&output.name).file_name()?.to_string_lossy().into_owned();
-        let write = AssertUnwindSafe(|| output.format.write_signed(value, &name, signature));
-        Some(catch_unwind(write).unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into())))
+        Some(or_panic(|| output.format.contents(value, &name, signature)))
     }
+}
+
+/// What a node's or format's own code does; its panic is an error.
+pub(crate) fn or_panic<T>(does: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    let done = catch_unwind(AssertUnwindSafe(does));
+    done.unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))
 }
 
 fn failure(node: &GraphNode, error: &Error) -> Problem {

@@ -131,7 +131,7 @@ pub use node::{
     CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
     PortType, Previous, Progress, Promise, ReadError, Want, node,
 };
-pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
+pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{

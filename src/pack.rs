@@ -7,6 +7,10 @@ use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
 use crate::value::{AnyValue, Value, ValueType, value_type};
 
+mod content;
+
+pub use content::Content;
+
 /// A named list of nodes, with the values and file formats that they need.
 #[derive(Clone, Copy)]
 pub struct Pack {
@@ -116,6 +120,18 @@ pub trait FileFormat {
         Ok(files)
     }
 
+    /// The same content of a format whose values are one file each, and may be large: in pieces that are made while they are written, so
+    /// that the file is never in memory as a whole. If this is left out, it is.
+    ///
+    /// # Errors
+    /// Those of [`write`](Self::write).
+    fn content<'a>(
+        _value: &'a Self::Value,
+        _signature: Option<&Signature>,
+    ) -> Result<Option<Content<'a>>, Error> {
+        Ok(None)
+    }
+
     /// What of the value its files cannot tell, or what their readers will stumble over, in words: a warning for each. If this is left
     /// out, there is nothing.
     fn doubts(_value: &Self::Value) -> Vec<String> {
@@ -142,6 +158,10 @@ impl NewFile {
 /// Writes a value to files of this name.
 type Write = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
 
+/// Writes a value to one file, if the format can do that in pieces.
+type WriteContent =
+    for<'a> fn(&'a AnyValue, Option<&Signature>) -> Result<Option<Content<'a>>, Error>;
+
 /// What the engine knows of a file format. Made by [`format()`].
 #[derive(Clone, Copy)]
 pub struct Format {
@@ -149,6 +169,7 @@ pub struct Format {
     pub ending: &'static str,
     pub(crate) kind: fn() -> &'static ValueType,
     write: Write,
+    content: WriteContent,
     doubts: fn(&AnyValue) -> Vec<String>,
 }
 
@@ -163,14 +184,24 @@ impl Format {
         (self.write)(value, name, None)
     }
 
-    /// The same; the files tell where the value came from, if that is known.
-    pub(crate) fn write_signed(
+    /// The file of a value that the format can write in pieces, unsigned.
+    pub(crate) fn content<'a>(&self, value: &'a AnyValue) -> Result<Option<Content<'a>>, Error> {
+        (self.content)(value, None)
+    }
+
+    /// The same, each file by its name; they tell where the value came from, if that is known, and are made while they are written, if the
+    /// format can do that and they are large.
+    pub(crate) fn contents<'a>(
         &self,
-        value: &AnyValue,
+        value: &'a AnyValue,
         name: &str,
         signature: Option<&Signature>,
-    ) -> Result<Vec<NewFile>, Error> {
-        (self.write)(value, name, signature)
+    ) -> Result<Vec<(String, Content<'a>)>, Error> {
+        if let Some(content) = (self.content)(value, signature)? {
+            return Ok(vec![(name.to_owned(), content.in_memory_if_small())]);
+        }
+        let files = (self.write)(value, name, signature)?;
+        Ok(files.into_iter().map(|file| (file.name, file.bytes.into())).collect())
     }
 
     /// What of a value its files cannot tell, or what their readers will stumble over.
@@ -191,6 +222,7 @@ pub const fn format<F: FileFormat>() -> Format {
                 None => F::write(value, name),
             }
         },
+        content: |value, signature| F::content(own::<F>(value), signature),
         doubts: |value| F::doubts(own::<F>(value)),
     }
 }

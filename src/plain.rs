@@ -28,6 +28,13 @@ pub(crate) fn read_own(path: &Path) -> Result<Vec<u8>> {
     fs::read(path)
 }
 
+/// A file that is no link either, open to be read.
+#[cfg(unix)]
+pub(crate) fn open_own(path: &Path) -> Result<fs::File> {
+    is_plain(&fs::symlink_metadata(path)?)?;
+    fs::File::open(path)
+}
+
 /// Whether there is a plain file at this path, and no link.
 pub(crate) fn is_own(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file())

@@ -6,7 +6,7 @@
 //!   for, whatever links lead there ([`Destination`]).
 //! - What a killed process left half written is swept, what a living one is writing stays ([`temporary`]).
 
-use std::fs::{self, Metadata};
+use std::fs::{self, File, Metadata};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -15,12 +15,14 @@ use crate::paths::without_dots;
 use crate::plain;
 use crate::stamp::Stamp;
 
+mod large;
 #[cfg(feature = "cli")]
 mod shelf;
 mod sources;
 mod temporary;
 mod turn;
 
+pub(crate) use large::write_at;
 #[cfg(feature = "cli")]
 pub(crate) use shelf::Shelf;
 pub(crate) use sources::Sources;
@@ -89,6 +91,17 @@ impl<'a> Destination<'a> {
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<Stamp>, Refused> {
         self.judge(path)?;
         Ok(write_whole(path, bytes)?)
+    }
+
+    /// The same for so many bytes that `fill` writes; what it gives comes along.
+    pub(crate) fn write_by<T>(
+        &self,
+        path: &Path,
+        len: usize,
+        fill: impl FnMut(&mut File) -> io::Result<T>,
+    ) -> Result<(Option<Stamp>, T), Refused> {
+        self.judge(path)?;
+        Ok(write_by(path, len, fill)?)
     }
 
     /// Writes one file, and removes what killed processes left beside it.
@@ -301,17 +314,31 @@ pub(crate) fn is_private(metadata: &Metadata, permissions: u32) -> bool {
 
 /// The same for a content in parts.
 pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Stamp>> {
+    let len = parts.iter().map(|part| part.len()).sum();
+    let fill = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
+    write_by(path, len, fill).map(|(stamp, ())| stamp)
+}
+
+/// The same for so many bytes that `fill` writes, which is asked again if the file has gone meanwhile; what it gives comes along.
+fn write_by<T>(
+    path: &Path,
+    len: usize,
+    mut fill: impl FnMut(&mut File) -> io::Result<T>,
+) -> io::Result<(Option<Stamp>, T)> {
     let folder = beside(path);
     in_spite_of_removal(|is_gone| {
         if is_gone {
             fs::create_dir_all(folder)?;
         }
         let mut file = temporary::create(folder)?;
-        parts.iter().try_for_each(|part| file.write_all(part))?;
+        large::make_room(file.as_file(), len);
+        let told = fill(file.as_file_mut())?;
         let written = file.as_file().metadata()?;
+        let old = large::Old::at(path, len);
         // Still locked while it is moved.
         let file = file.persist(path).map_err(|error| error.error)?;
-        Ok(Stamp::moved(&written, &file.metadata()?))
+        old.forget();
+        Ok((Stamp::moved(&written, &file.metadata()?), told))
     })
 }
 
@@ -360,7 +387,7 @@ pub(crate) fn remove_empty(folder: &Path) {
 
 /// Says that a file was used: its time of change is now.
 pub(crate) fn touch(path: &Path) {
-    let file = fs::File::options().append(true).open(path);
+    let file = File::options().append(true).open(path);
     // A file that another process has just removed needs no time.
     let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
 }

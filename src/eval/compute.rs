@@ -1,7 +1,6 @@
 //! Computes one node, and finds the values that it needs.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -12,8 +11,7 @@ use super::plan::Task;
 use super::run::{News, Run, size};
 use super::snapshot::Done;
 use super::trace::Reason;
-use super::{Panic, State, lock};
-use crate::error::in_words;
+use super::{State, lock, or_panic};
 use crate::error::{Cancelled, Error};
 use crate::graph::{ELEMENTS, GraphNode, Link};
 use crate::limit::Estimate;
@@ -204,8 +202,7 @@ impl Run<'_> {
             readers: &self.graph.readers,
             warnings: Mutex::default(),
         };
-        let result = catch_unwind(AssertUnwindSafe(|| work(&cx)))
-            .unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))?;
+        let result = or_panic(|| work(&cx))?;
         let warnings = cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner());
         Ok((result, warnings))
     }

@@ -3,17 +3,22 @@
 //! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
 //! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
 
+use std::borrow::Cow;
+use std::iter;
+
 use bytemuck::NoUninit;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::corners::{Split, split};
 use super::png;
-use super::rows::{fill, floats, indices};
-use super::{check_single, coarse};
+use super::rows::{Table, floats, in_pieces, indices};
+use super::{BLOCK, check_single, coarse};
 use crate::error;
-use crate::pack::{FileFormat, NewFile};
+use crate::pack::{Content, FileFormat, NewFile};
+use crate::parallel::*;
+use crate::provenance::{Signature, extras_of_glb};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Mesh, Rgb, linear_from_srgb};
 
@@ -58,12 +63,23 @@ impl FileFormat for MeshGlb {
         Ok(NewFile::only(name, encode(mesh)?))
     }
 
+    fn content<'a>(
+        mesh: &'a Mesh,
+        signature: Option<&Signature>,
+    ) -> Result<Option<Content<'a>>, error::Error> {
+        content(mesh, signature).map(Some)
+    }
+
     fn doubts(mesh: &Mesh) -> Vec<String> {
         coarse(mesh.positions()).into_iter().collect()
     }
 }
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
+    Ok(content(mesh, None)?.into_bytes())
+}
+
+fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<'a>, error::Error> {
     if mesh.positions().is_empty() {
         return Err(GlbError::Empty.into());
     }
@@ -85,14 +101,14 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     let mut primitive = json!({ "attributes": attributes, "material": 0, "mode": POINTS });
     if !mesh.faces().is_empty() {
         primitive["mode"] = TRIANGLES.into();
-        primitive["indices"] = file.triangles(&vertices).into();
+        primitive["indices"] = file.triangles(vertices).into();
     }
     let mut shading = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.9 });
     let mut images = None;
     if let Some(texture) = texture {
         shading["baseColorTexture"] = json!({ "index": 0 });
         let picture = png::encode_rgb(texture)?;
-        let view = file.view(picture.len(), None, |bytes| bytes.copy_from_slice(&picture));
+        let view = file.view(Table::of_bytes(picture), None);
         images = Some(json!([{ "bufferView": view, "mimeType": "image/png" }]));
     }
     let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
@@ -100,6 +116,8 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
         // The quaternion x, y, z, w of half a turn about x.
         root["rotation"] = json!([1.0, 0.0, 0.0, 0.0]);
     }
+    let length = file.length;
+    file.align();
     let mut document = json!({
         "asset": { "version": "2.0", "generator": "maquette" },
         "scene": 0,
@@ -109,7 +127,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
         "materials": [{ "pbrMetallicRoughness": shading, "doubleSided": true }],
         "accessors": file.accessors,
         "bufferViews": file.views,
-        "buffers": [{ "byteLength": file.bytes.len() }],
+        "buffers": [{ "byteLength": length }],
     });
     if let Some(images) = images {
         document["images"] = images;
@@ -119,25 +137,31 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
         }]);
         document["textures"] = json!([{ "sampler": 0, "source": 0 }]);
     }
-    Ok(container(&document, file.bytes)?)
+    if let Some(told) = signature.and_then(|signature| extras_of_glb(&signature.words)) {
+        document["asset"]["extras"] = told;
+    }
+    let head = Table::of_bytes(head(&document, file.length)?);
+    Ok(in_pieces(iter::once(head).chain(file.tables).collect()))
 }
 
-/// The file around the document and its buffer: a header of 12 bytes, and two chunks with headers of 8, padded to 4.
+/// The file around the document and its buffer.
 fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError> {
+    buffer.resize(buffer.len().next_multiple_of(4), 0);
+    let mut bytes = head(document, buffer.len())?;
+    bytes.append(&mut buffer);
+    Ok(bytes)
+}
+
+/// What is before the buffer, whose length is a multiple of 4: a header of 12 bytes, a chunk for the document, padded to 4, and the header
+/// of another chunk, both of 8.
+fn head(document: &Value, buffer: usize) -> Result<Vec<u8>, GlbError> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    buffer.resize(buffer.len().next_multiple_of(4), 0);
-    let size = 12 + 8 + text.len() + 8 + buffer.len();
+    let size = 12 + 8 + text.len() + 8 + buffer;
     let total = u32::try_from(size).map_err(|_| GlbError::TooLarge { bytes: size })?;
-    let mut bytes = Vec::with_capacity(size);
-    bytes.extend_from_slice(b"glTF");
-    bytes.extend_from_slice(&2u32.to_le_bytes());
-    bytes.extend_from_slice(&total.to_le_bytes());
-    for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &buffer)] {
-        bytes.extend_from_slice(&(chunk.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(kind);
-        bytes.extend_from_slice(chunk);
-    }
+    let number = |number: usize| (number as u32).to_le_bytes();
+    let mut bytes = [&b"glTF"[..], &number(2), &total.to_le_bytes()].concat();
+    bytes.extend([&number(text.len())[..], b"JSON", &text, &number(buffer), b"BIN\0"].concat());
     Ok(bytes)
 }
 
@@ -166,10 +190,14 @@ impl<'a> Vertices<'a> {
     }
 
     /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
-    fn gather<T: Copy>(&self, per_vertex: Option<&[T]>, per_corner: Option<&[T]>) -> Vec<T> {
+    fn gather<T: Copy>(
+        &self,
+        per_vertex: Option<Cow<'a, [T]>>,
+        per_corner: Option<&[T]>,
+    ) -> Cow<'a, [T]> {
         let corners = self.mesh.faces().corners();
         match (per_vertex, per_corner, &self.split) {
-            (Some(data), _, None) => data.to_vec(),
+            (Some(data), _, None) => data,
             (Some(data), _, Some(split)) => split
                 .corners
                 .iter()
@@ -185,24 +213,36 @@ impl<'a> Vertices<'a> {
 
 /// The bytes behind the document, and what says what they are.
 #[derive(Default)]
-struct Buffers {
-    bytes: Vec<u8>,
+struct Buffers<'a> {
+    tables: Vec<Table<'a>>,
+    /// Bytes of all.
+    length: usize,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
-impl Buffers {
-    /// Adds `length` bytes that `fill` writes, aligned to 4; gives the index of their view.
-    fn view(&mut self, length: usize, target: Option<u32>, fill: impl FnOnce(&mut [u8])) -> usize {
-        let offset = self.bytes.len().next_multiple_of(4);
-        self.bytes.resize(offset + length, 0);
+impl<'a> Buffers<'a> {
+    /// Adds a table, aligned to 4; gives the index of its view.
+    fn view(&mut self, table: Table<'a>, target: Option<u32>) -> usize {
+        self.align();
+        let (offset, length) = (self.length, table.size());
         let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": length });
         if let Some(target) = target {
             view["target"] = target.into();
         }
         self.views.push(view);
-        fill(&mut self.bytes[offset..]);
+        self.add(table);
         self.views.len() - 1
+    }
+
+    fn add(&mut self, table: Table<'a>) {
+        self.length += table.size();
+        self.tables.push(table);
+    }
+
+    /// Goes on at a multiple of 4.
+    fn align(&mut self) {
+        self.add(Table::of_bytes(vec![0; self.length.next_multiple_of(4) - self.length]));
     }
 
     /// Adds an accessor; gives its index.
@@ -212,60 +252,62 @@ impl Buffers {
     }
 
     /// Adds an attribute of vertices; gives the index of its accessor.
-    fn attribute<T: Sync, B: NoUninit>(
+    fn attribute<T: Clone + Send + Sync, B: NoUninit>(
         &mut self,
-        items: &[T],
+        items: Cow<'a, [T]>,
         kind: (u32, &str),
-        entry: impl Fn(&T) -> B + Sync,
+        entry: impl Fn(&T) -> B + Sync + 'a,
     ) -> usize {
-        let length = size_of::<B>() * items.len();
-        let view = self.view(length, Some(ARRAY_BUFFER), |bytes| fill(bytes, items, entry));
+        let count = items.len();
+        let view = self.view(Table::of_column(items, entry), Some(ARRAY_BUFFER));
         self.accessor(json!({
-            "bufferView": view, "componentType": kind.0, "type": kind.1, "count": items.len(),
+            "bufferView": view, "componentType": kind.0, "type": kind.1, "count": count,
         }))
     }
 
-    fn positions(&mut self, vertices: &Vertices<'_>) -> usize {
-        let points = vertices.gather(Some(&**vertices.mesh.positions()), None);
-        let single = |x: f64| x as f32;
-        let first = points[0].map(single);
-        let (low, high) = points.iter().fold((first, first), |(low, high), point| {
-            let point = point.map(single);
-            (low.inf(&point), high.sup(&point))
-        });
-        let accessor =
-            self.attribute(&points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
+    fn positions(&mut self, vertices: &Vertices<'a>) -> usize {
+        let points = vertices.gather(Some(vertices.mesh.positions()[..].into()), None);
+        let bounds = |points: &[Point3<f64>]| {
+            let mut points = points.iter().map(|point| point.map(|x| x as f32));
+            let first = points.next().expect("no block is empty");
+            points.fold((first, first), |(low, high), it| (low.inf(&it), high.sup(&it)))
+        };
+        let blocks: Vec<_> = points.par_chunks(BLOCK).map(bounds).collect();
+        type Bounds = (Point3<f32>, Point3<f32>);
+        let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
+        let (low, high) = blocks[1..].iter().fold(blocks[0], both);
+        let accessor = self.attribute(points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
         self.accessors[accessor]["min"] = json!(low.coords.as_slice());
         self.accessors[accessor]["max"] = json!(high.coords.as_slice());
         accessor
     }
 
-    fn normals(&mut self, vertices: &Vertices<'_>) -> usize {
+    fn normals(&mut self, vertices: &Vertices<'a>) -> usize {
         let mesh = vertices.mesh;
         let per_corner = mesh.corner().vectors("normal").map(|column| &**column);
         let per_corner = per_corner.filter(|_| mesh.vertex().vectors("normal").is_none());
         let per_vertex = per_corner.is_none().then(|| mesh.normals());
-        let normals = vertices.gather(per_vertex.as_deref(), per_corner);
-        self.attribute(&normals, (FLOAT, "VEC3"), |&normal| {
+        let normals = vertices.gather(per_vertex, per_corner);
+        self.attribute(normals, (FLOAT, "VEC3"), |&normal| {
             // glTF has unit normals only; a vertex of no face gets any.
             let unit = Vector3::from(normal).try_normalize(0.0).filter(|unit| unit.x.is_finite());
             floats(unit.unwrap_or(Vector3::z()).into())
         })
     }
 
-    fn uv(&mut self, vertices: &Vertices<'_>) -> usize {
+    fn uv(&mut self, vertices: &Vertices<'a>) -> usize {
         let mesh = vertices.mesh;
-        let per_vertex = mesh.vertex().pairs("uv").map(|column| &**column);
+        let per_vertex = mesh.vertex().pairs("uv").map(|column| column[..].into());
         let per_corner = mesh.corner().pairs("uv").map(|column| &**column);
         let uv = vertices.gather(per_vertex, per_corner);
         // In glTF (0, 0) is the picture's upper left corner.
-        self.attribute(&uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
+        self.attribute(uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
     }
 
     /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
-    fn colors(&mut self, vertices: &Vertices<'_>, colors: &[Rgb]) -> usize {
-        let colors = vertices.gather(Some(colors), None);
-        let accessor = self.attribute(&colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
+    fn colors(&mut self, vertices: &Vertices<'a>, colors: &'a [Rgb]) -> usize {
+        let colors = vertices.gather(Some(colors.into()), None);
+        let accessor = self.attribute(colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
             let [red, green, blue] =
                 color.map(|channel| (linear_from_srgb(channel) * 65535.0).round() as u16);
             [red, green, blue, u16::MAX].map(u16::to_le_bytes)
@@ -275,29 +317,30 @@ impl Buffers {
     }
 
     /// Faces with more than three corners become fans.
-    fn triangles(&mut self, vertices: &Vertices<'_>) -> usize {
+    fn triangles(&mut self, vertices: Vertices<'a>) -> usize {
         let faces = vertices.mesh.faces();
-        let corners = match &vertices.split {
-            Some(split) => &split.of_corner[..],
-            None => faces.corners(),
-        };
-        let mut fans = Vec::new();
-        let triangles: &[[u32; 3]] = if faces.sides() == Some(3) {
-            corners.as_chunks().0
-        } else {
-            fans.reserve_exact(corners.len() - 2 * faces.len());
-            for face in 0..faces.len() {
-                let corners = &corners[faces.first_corner(face)..faces.first_corner(face + 1)];
-                fans.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+        let table = match (vertices.split, faces.sides()) {
+            // Any stretch of them, as they are.
+            (None, Some(3)) => {
+                Table::of_column(faces.corners()[..].into(), |&corner| indices([corner]))
             }
-            &fans
+            (Some(split), Some(3)) => {
+                Table::of_column(split.of_corner.into(), |&corner| indices([corner]))
+            }
+            (split, _) => {
+                let corners = split.as_ref().map_or(&faces.corners()[..], |split| &split.of_corner);
+                let mut fans = Vec::with_capacity(corners.len() - 2 * faces.len());
+                for face in 0..faces.len() {
+                    let corners = &corners[faces.first_corner(face)..faces.first_corner(face + 1)];
+                    fans.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+                }
+                Table::of_column(fans.into(), |&triangle| indices(triangle))
+            }
         };
-        let view = self.view(12 * triangles.len(), Some(ELEMENT_ARRAY_BUFFER), |bytes| {
-            fill(bytes, triangles, |&triangle| indices(triangle));
-        });
+        let count = table.size() / 4;
+        let view = self.view(table, Some(ELEMENT_ARRAY_BUFFER));
         self.accessor(json!({
-            "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR",
-            "count": 3 * triangles.len(),
+            "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count,
         }))
     }
 }

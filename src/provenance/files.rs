@@ -52,6 +52,12 @@ pub(crate) fn comment_of_ply(words: &str) -> String {
     format!("comment {KEY} {words}\n")
 }
 
+/// What stands in `asset.extras` of a GLB file that tells these words.
+pub(crate) fn extras_of_glb(words: &str) -> Option<Json> {
+    let told: Json = serde_json::from_str(words).ok()?;
+    Some(json!({ KEY: told }))
+}
+
 /// What a file of this ending tells.
 pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
     let words = |text: &str| Some(Found::Words(text.to_owned()));
@@ -127,8 +133,7 @@ fn glb_document(bytes: &[u8]) -> Option<Json> {
 fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     let mut document = glb_document(bytes)?;
     let before = u32::from_le_bytes(*bytes.get(12..)?.first_chunk()?) as usize;
-    let told: Json = serde_json::from_str(words).ok()?;
-    document.get_mut("asset")?["extras"] = json!({ KEY: told });
+    document.get_mut("asset")?["extras"] = extras_of_glb(words)?;
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let mut chunk = (text.len() as u32).to_le_bytes().to_vec();

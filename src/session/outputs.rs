@@ -12,16 +12,16 @@ use serde_json::json;
 use super::provenance::Teller;
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Evaluation, Evaluator};
+use crate::eval::{Evaluation, Evaluator, or_panic};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
-use crate::pack::NewFile;
+use crate::pack::{Content, NewFile};
 use crate::parallel::*;
 use crate::plain;
 use crate::provenance::Signature;
 use crate::stamp::Stamp;
 use crate::value::Hash;
-use crate::writing::{Destination, Refused, Sources};
+use crate::writing::{Destination, Refused, Sources, write_at};
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -282,26 +282,27 @@ impl OutputFolder {
             Box::new(Problem { help: help.into(), ..problem })
         };
         let mut start = Instant::now();
-        let files = match evaluation.files(output, signature.as_ref()) {
+        let cannot = |error| problem(format!("cannot write `{}`: {error}", output.name), "");
+        let files = match evaluation.contents(output, signature.as_ref()) {
             None => return Ok(Vec::new()),
-            Some(Ok(files)) => files,
-            Some(Err(error)) => {
-                return Err(problem(format!("cannot write `{}`: {error}", output.name), ""));
-            }
+            Some(files) => files.map_err(cannot)?,
         };
-        let path = |file: &NewFile| self.folder_of(output).join(&file.name);
-        let is_other = |file: &&NewFile| {
-            let of_other = |other: &GraphOutput| self.folder.join(&other.name) == path(file);
-            path(file) != self.folder.join(&output.name) && graph.outputs.iter().any(of_other)
+        let path = |name: &str| self.folder_of(output).join(name);
+        let is_other = |(name, _): &&(String, _)| {
+            let of_other = |other: &GraphOutput| self.folder.join(&other.name) == path(name);
+            path(name) != self.folder.join(&output.name) && graph.outputs.iter().any(of_other)
         };
-        if let Some(file) = files.iter().find(is_other) {
-            let message = format!("`{}` also writes {}, another output", output.name, file.name);
+        if let Some((name, _)) = files.iter().find(is_other) {
+            let message = format!("`{}` also writes {name}, another output", output.name);
             return Err(problem(message, "give one of the two outputs another name"));
         }
         let mut written = Vec::new();
-        for file in files {
-            let path = path(&file);
-            let file = self.file(&output.name, path.clone(), &file, destination).map_err(|refused| {
+        for (name, content) in files {
+            let path = path(&name);
+            // What is made while it is written is still the format's own code.
+            let file =
+                or_panic(|| Ok(self.file(&output.name, path.clone(), &content, destination)));
+            let (file, left) = file.map_err(cannot)?.map_err(|refused| {
                 let help = match refused {
                     Refused::System(_) => {
                         "the file that was there before is untouched; --out chooses another folder"
@@ -312,7 +313,6 @@ impl OutputFolder {
             })?;
             let seconds = start.elapsed().as_secs_f64();
             start = Instant::now();
-            let (file, left) = file;
             written.push((Written { seconds, ..file }, left));
         }
         let files = written.iter().map(|(file, _)| file.clone()).collect();
@@ -345,25 +345,23 @@ impl OutputFolder {
         &self,
         output: &str,
         path: PathBuf,
-        file: &NewFile,
+        content: &Content<'_>,
         destination: &Destination<'_>,
     ) -> Result<(Written, Option<Left>), Refused> {
-        let bytes = &file.bytes[..];
         destination.judge(&path)?;
-        let found = holds(&path, bytes);
-        let unchanged = found.is_some();
-        let write = || -> Result<_, Refused> {
-            match found {
-                Some(found) => Ok(Some(found)),
-                None => {
-                    let stamp = destination.write(&path, bytes)?;
-                    Ok(stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() }))
-                }
+        let there = content.as_bytes().and_then(|bytes| Some((holds(&path, bytes)?, bytes)));
+        let unchanged = there.is_some();
+        let (left, hash) = match there {
+            Some((found, bytes)) => (Some(found), Hash::of(bytes)),
+            None => {
+                let (stamp, hash) = destination.write_by(&path, content.len(), |file| {
+                    content.each(|place, piece| write_at(file, place, piece))
+                })?;
+                (stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() }), hash)
             }
         };
-        let (left, hash) = rayon::join(write, || Hash::of(bytes));
-        let (output, left) = (output.to_owned(), left?);
-        Ok((Written { output, path, bytes: bytes.len(), hash, unchanged, seconds: 0.0 }, left))
+        let output = output.to_owned();
+        Ok((Written { output, path, bytes: content.len(), hash, unchanged, seconds: 0.0 }, left))
     }
 
     fn folder_of(&self, output: &GraphOutput) -> PathBuf {
@@ -413,7 +411,7 @@ mod tests {
 
     /// What `write` does, and whether the file was there already.
     fn write(outputs: &OutputFolder, path: &Path) -> bool {
-        let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
+        let file = b"ply".to_vec().into();
         let sources = Sources::default();
         let destination = Destination::anywhere(&sources);
         let (written, left) = outputs.file("a", path.to_owned(), &file, &destination).unwrap();

@@ -13,6 +13,30 @@ fn a_file_is_replaced_whole_and_its_stamp_is_that_of_what_was_written() {
 }
 
 #[test]
+fn a_large_file_is_written_from_many_threads_and_replaces_the_old_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.bin");
+    let bytes = Vec::from_iter((0..20_000_000u32).map(|k| (k / 5) as u8));
+    for len in [bytes.len(), 17_000_000, 5] {
+        let written = write_by(&path, len, |file| {
+            let (left, right) = bytes[..len].split_at(len / 2);
+            std::thread::scope(|scope| {
+                let late = scope.spawn(|| write_at(file, left.len(), right));
+                write_at(file, 0, left).and(late.join().unwrap())
+            })
+        });
+        let (stamp, ()) = written.unwrap();
+        assert!(stamp.is_some() && stamp == Stamp::of(&path));
+        assert!(fs::read(&path).unwrap() == bytes[..len]);
+    }
+    // What comes to nothing leaves what was there.
+    let full = |_: &mut File| Err::<(), _>(io::ErrorKind::StorageFull.into());
+    assert!(write_by(&path, bytes.len(), full).is_err());
+    assert_eq!(fs::read(&path).unwrap(), bytes[..5]);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
 fn a_file_that_is_being_written_is_known_from_one_that_was_left() {
     let folder = tempfile::tempdir().unwrap();
     let busy = temporary::create(folder.path()).unwrap();

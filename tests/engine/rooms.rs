@@ -153,7 +153,7 @@ const ROOMS: [(&str, &[&str]); 36] = [
     ),
     ("parallel", &["memory"]),
     ("node", &["error", "limit", "plain", "reading", "text", "value"]),
-    ("pack", &["error", "node", "plain", "provenance", "reading", "value"]),
+    ("pack", &["error", "memory", "node", "parallel", "plain", "provenance", "reading", "value"]),
     ("paths", &["text"]),
     ("plain", &[]),
     ("probe", &["render", "text", "value"]),

@@ -6,11 +6,10 @@ use bytemuck::NoUninit;
 
 use super::header::Kind;
 use crate::error::Error;
-use crate::format::rows::{fill_blocks, fill_column, floats, indices};
+use crate::format::rows::{Table, fill_column, floats, in_pieces, indices};
 use crate::format::upright::{upright_points, upright_sign};
 use crate::format::{TooFar, check_single, coarse, finite};
-use crate::memory::huge_vec;
-use crate::pack::{FileFormat, NewFile};
+use crate::pack::{Content, FileFormat, NewFile};
 use crate::parallel::*;
 use crate::provenance::{Signature, comment_of_ply};
 use crate::reading::{FileReader, Reading};
@@ -24,13 +23,15 @@ impl FileFormat for MeshPly {
     const ENDING: &'static str = "ply";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
-        Ok(NewFile::only(name, encode_with(mesh, "", upright_sign(mesh))?))
+        Ok(NewFile::only(name, content(mesh, "", upright_sign(mesh))?.into_bytes()))
     }
 
-    fn write_signed(mesh: &Mesh, name: &str, signature: &Signature) -> Result<Vec<NewFile>, Error> {
-        // Put in afterwards, it would move all that is behind it.
-        let comment = comment_of_ply(&signature.words);
-        Ok(NewFile::only(name, encode_with(mesh, &comment, upright_sign(mesh))?))
+    fn content<'a>(
+        mesh: &'a Mesh,
+        signature: Option<&Signature>,
+    ) -> Result<Option<Content<'a>>, Error> {
+        let comment = signature.map(|signature| comment_of_ply(&signature.words));
+        Ok(Some(content(mesh, comment.as_deref().unwrap_or(""), upright_sign(mesh))?))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
@@ -74,12 +75,16 @@ struct TableColumn<'a> {
 type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Sync + 'a>;
 
 impl<'a> TableColumn<'a> {
-    fn new<T: Sync, B: NoUninit>(
+    fn new<T: Clone + Send + Sync + 'a, B: NoUninit>(
         kind: &str,
         names: &[&str],
-        items: &'a [T],
+        items: impl Into<Cow<'a, [T]>>,
         entry: impl Fn(&T) -> B + Sync + 'a,
-    ) -> Self {
+    ) -> Self
+    where
+        [T]: ToOwned<Owned = Vec<T>>,
+    {
+        let items = items.into();
         Self {
             comment: String::new(),
             properties: names.iter().map(|name| format!("property {kind} {name}\n")).collect(),
@@ -91,7 +96,7 @@ impl<'a> TableColumn<'a> {
     }
 
     /// Vectors, y and z with this sign.
-    fn vectors(names: &[&str], vectors: &'a [[f64; 3]], sign: f64) -> Self {
+    fn vectors(names: &[&str], vectors: impl Into<Cow<'a, [[f64; 3]]>>, sign: f64) -> Self {
         let entry = move |&[x, y, z]: &[f64; 3]| floats([x, sign * y, sign * z]);
         Self::new("float", names, vectors, entry)
     }
@@ -122,15 +127,15 @@ impl<'a> TableColumn<'a> {
     fn numbers(names: &[&str], attribute: &'a Attribute, sign: f64) -> Self {
         match attribute {
             Attribute::Number(numbers) => {
-                Self::new("float", names, numbers, |&number| floats([number]))
+                Self::new("float", names, &numbers[..], |&number| floats([number]))
             }
             Attribute::Index(numbers) => {
-                Self::new("uint", names, numbers, |&number| indices([number]))
+                Self::new("uint", names, &numbers[..], |&number| indices([number]))
             }
-            Attribute::Flag(flags) => Self::new("uchar", names, flags, |&flag| [flag]),
-            Attribute::Pair(pairs) => Self::new("float", names, pairs, |&pair| floats(pair)),
-            Attribute::Vector(vectors) => Self::vectors(names, vectors, sign),
-            Attribute::Color(colors) => Self::new("uchar", names, colors, |&color| color),
+            Attribute::Flag(flags) => Self::new("uchar", names, &flags[..], |&flag| [flag]),
+            Attribute::Pair(pairs) => Self::new("float", names, &pairs[..], |&pair| floats(pair)),
+            Attribute::Vector(vectors) => Self::vectors(names, &vectors[..], sign),
+            Attribute::Color(colors) => Self::new("uchar", names, &colors[..], |&color| color),
         }
     }
 }
@@ -142,27 +147,27 @@ impl<'a> TableColumn<'a> {
 /// # Errors
 /// If a vertex is where single precision cannot tell.
 pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
-    encode_with(mesh, "", 1.0)
+    Ok(content(mesh, "", 1.0)?.into_bytes())
 }
 
-/// The same with lines behind the first one, y and z of all vectors with this sign.
-fn encode_with(mesh: &Mesh, lines: &str, sign: f64) -> Result<Vec<u8>, TooFar> {
+/// The same in pieces, with lines behind the first one, y and z of all vectors with this sign.
+fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, TooFar> {
     check_single("vertex", mesh.positions())?;
     let vertex = mesh.vertex();
     let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
     let normals = if has_normals { mesh.normals() } else { Cow::default() };
-    let sampled = sample_texture(mesh);
     let mut parts =
-        vec![TableColumn::new("float", &["x", "y", "z"], mesh.positions(), move |point| {
+        vec![TableColumn::new("float", &["x", "y", "z"], &mesh.positions()[..], move |point| {
             floats([point.x, sign * point.y, sign * point.z])
         })];
     if has_normals {
-        parts.push(TableColumn::vectors(&["nx", "ny", "nz"], &normals, sign));
+        parts.push(TableColumn::vectors(&["nx", "ny", "nz"], normals, sign));
     }
     if let Some(uv) = vertex.pairs("uv") {
-        parts.push(TableColumn::new("float", &["s", "t"], uv, |&uv| floats(uv)));
+        parts.push(TableColumn::new("float", &["s", "t"], &uv[..], |&uv| floats(uv)));
     }
-    if let Some(colors) = vertex.colors("color").or(sampled.as_ref()) {
+    let colors = vertex.colors("color").map(|colors| Cow::Borrowed(&colors[..]));
+    if let Some(colors) = colors.or_else(|| Some(sample_texture(mesh)?.into())) {
         parts.push(TableColumn::new("uchar", &["red", "green", "blue"], colors, |&color| color));
     }
     for (name, attribute) in vertex.iter() {
@@ -188,25 +193,30 @@ fn encode_with(mesh: &Mesh, lines: &str, sign: f64) -> Result<Vec<u8>, TooFar> {
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
-    let stride: usize = parts.iter().map(|part| part.size).sum();
-    let mut bytes = huge_vec(header.len() + n_vertices * stride + faces.size());
-    let (head, body) = bytes.split_at_mut(header.len());
-    head.copy_from_slice(header.as_bytes());
-    let (vertex_rows, face_rows) = body.split_at_mut(n_vertices * stride);
-    fill_blocks(vertex_rows, stride, |rows, first| {
-        let mut offset = 0;
-        for part in &parts {
-            (part.fill)(rows, first, stride, offset);
-            offset += part.size;
-        }
+    let stride = parts.iter().map(|part| part.size).sum();
+    let vertices = Table::new(n_vertices, stride, move |rows, first, stride| {
+        fill_parts(&parts, rows, first, stride, 0);
     });
-    faces.write(face_rows);
-    Ok(bytes)
+    Ok(in_pieces(vec![Table::of_bytes(header.into_bytes()), vertices, faces.into_table()]))
+}
+
+/// Fills in columns side by side from an offset of each row on, the first of which has this number.
+fn fill_parts(
+    parts: &[TableColumn<'_>],
+    rows: &mut [u8],
+    first: usize,
+    stride: usize,
+    mut offset: usize,
+) {
+    for part in parts {
+        (part.fill)(rows, first, stride, offset);
+        offset += part.size;
+    }
 }
 
 /// The texture's color at each vertex, if the mesh has a texture and no colors: so that it is colored in every viewer. A vertex
 /// on a seam takes the color of one side.
-fn sample_texture(mesh: &Mesh) -> Option<Column<Rgb>> {
+fn sample_texture(mesh: &Mesh) -> Option<Vec<Rgb>> {
     let texture = mesh.texture().filter(|texture| !texture.pixels().is_empty())?;
     if mesh.vertex().colors("color").is_some() {
         return None;
@@ -225,7 +235,7 @@ fn sample_texture(mesh: &Mesh) -> Option<Column<Rgb>> {
         }
     };
     let sample = |&uv: &[f64; 2]| texture.sample(uv).map(|channel| channel.round() as u8);
-    Some(uv.par_iter().with_min_len(4096).map(sample).collect::<Vec<_>>().into())
+    Some(uv.par_iter().with_min_len(4096).map(sample).collect())
 }
 
 /// The table of faces: for each its corners, their texture coordinates if vertices have none, and its attributes.
@@ -257,19 +267,6 @@ impl<'a> FaceRows<'a> {
         Self { faces, uv: uv.map(|uv| &**uv), parts, long }
     }
 
-    /// Bytes that the attributes of a face take.
-    fn stride(&self) -> usize {
-        self.parts.iter().map(|part| part.size).sum()
-    }
-
-    /// Fills in the attributes of faces, the first of which is the one of this number, in rows of `stride` bytes behind `offset`.
-    fn fill(&self, rows: &mut [u8], first: usize, stride: usize, mut offset: usize) {
-        for part in &self.parts {
-            (part.fill)(rows, first, stride, offset);
-            offset += part.size;
-        }
-    }
-
     fn properties(&self) -> String {
         let length = if self.long { "uint" } else { "uchar" };
         let mut text = format!("property list {length} uint vertex_indices\n");
@@ -280,47 +277,73 @@ impl<'a> FaceRows<'a> {
         text
     }
 
-    /// Bytes that all take.
-    fn size(&self) -> usize {
-        let per_corner = if self.uv.is_some() { 12 } else { 4 };
-        let per_list = if self.long { 4 } else { 1 };
-        let per_face = self.stride() + if self.uv.is_some() { 2 * per_list } else { per_list };
-        per_corner * self.faces.corners().len() + per_face * self.faces.len()
-    }
-
-    fn write(&self, bytes: &mut [u8]) {
-        if let (Some(triangles), None) = (self.faces.as_triangles(), self.uv) {
-            let stride = 13 + self.stride();
-            return fill_blocks(bytes, stride, |rows, first| {
-                for (row, &triangle) in rows.chunks_exact_mut(stride).zip(&triangles[first..]) {
-                    row[0] = 3;
-                    row[1..13].copy_from_slice(indices(triangle).as_flattened());
+    /// All rows: in memory if they are not of one length.
+    fn into_table(self) -> Table<'a> {
+        let attributes = self.parts.iter().map(|part| part.size).sum();
+        let Some(sides) = self.faces.sides() else {
+            return Table::of_bytes(self.mixed(attributes));
+        };
+        let lists = self.size_of_lists(sides);
+        Table::new(self.faces.len(), lists + attributes, move |rows, first, stride| {
+            match (self.faces.as_triangles(), self.uv) {
+                (Some(triangles), None) => {
+                    for (row, &triangle) in rows.chunks_exact_mut(stride).zip(&triangles[first..]) {
+                        row[0] = 3;
+                        row[1..13].copy_from_slice(indices(triangle).as_flattened());
+                    }
                 }
-                self.fill(rows, first, stride, 13);
-            });
-        }
-        let stride = self.stride();
-        let mut attributes = vec![0; stride * self.faces.len()];
-        if 0 < stride {
-            self.fill(&mut attributes, 0, stride, 0);
-        }
-        let mut rows = Vec::with_capacity(bytes.len());
-        for (index, face) in self.faces.iter().enumerate() {
-            self.push_length(&mut rows, face.len());
-            face.iter().for_each(|vertex| rows.extend_from_slice(&vertex.to_le_bytes()));
-            if let Some(uv) = self.uv {
-                self.push_length(&mut rows, 2 * face.len());
-                let uv = &uv[self.faces.first_corner(index)..][..face.len()];
-                uv.iter().for_each(|&uv| rows.extend_from_slice(floats(uv).as_flattened()));
+                _ => {
+                    let rows = rows.chunks_exact_mut(stride).enumerate();
+                    rows.for_each(|(k, row)| self.put_lists(first + k, &mut row[..lists]));
+                }
             }
-            rows.extend_from_slice(&attributes[index * stride..][..stride]);
-        }
-        bytes.copy_from_slice(&rows);
+            fill_parts(&self.parts, rows, first, stride, lists);
+        })
     }
 
-    fn push_length(&self, bytes: &mut Vec<u8>, length: usize) {
-        let length = (length as u32).to_le_bytes();
-        bytes.extend_from_slice(if self.long { &length } else { &length[..1] });
+    /// All rows of faces with different numbers of corners, each with so many bytes of attributes.
+    fn mixed(&self, attributes: usize) -> Vec<u8> {
+        let mut table = vec![0; attributes * self.faces.len()];
+        if 0 < attributes {
+            fill_parts(&self.parts, &mut table, 0, attributes, 0);
+        }
+        let size_of = |face: &[u32]| self.size_of_lists(face.len()) + attributes;
+        let mut bytes = vec![0; self.faces.iter().map(size_of).sum()];
+        let mut rest = &mut bytes[..];
+        for (index, face) in self.faces.iter().enumerate() {
+            let (row, behind) = rest.split_at_mut(size_of(face));
+            let (lists, end) = row.split_at_mut(row.len() - attributes);
+            self.put_lists(index, lists);
+            end.copy_from_slice(&table[index * attributes..][..attributes]);
+            rest = behind;
+        }
+        bytes
+    }
+
+    /// Bytes that the lists of a face with so many corners take.
+    fn size_of_lists(&self, corners: usize) -> usize {
+        let length = if self.long { 4 } else { 1 };
+        let uv = if self.uv.is_some() { length + 8 * corners } else { 0 };
+        length + 4 * corners + uv
+    }
+
+    /// Fills in the lists of a face.
+    fn put_lists(&self, index: usize, mut row: &mut [u8]) {
+        let face = self.faces.face(index);
+        let mut put = |bytes: &[u8]| {
+            let (next, rest) = std::mem::take(&mut row).split_at_mut(bytes.len());
+            next.copy_from_slice(bytes);
+            row = rest;
+        };
+        let length = |count: usize| (count as u32).to_le_bytes();
+        let size = if self.long { 4 } else { 1 };
+        put(&length(face.len())[..size]);
+        face.iter().for_each(|vertex| put(&vertex.to_le_bytes()));
+        if let Some(uv) = self.uv {
+            put(&length(2 * face.len())[..size]);
+            let uv = &uv[self.faces.first_corner(index)..][..face.len()];
+            uv.iter().for_each(|&uv| put(floats(uv).as_flattened()));
+        }
     }
 }
 
