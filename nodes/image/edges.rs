@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::filter::gaussian::blur;
 use super::filter::gradient::{Levels, write_gradient};
-use super::filter::hysteresis::{Bits, WORD, pack, reconstruct};
+use super::filter::hysteresis::{Bits, WORD, reconstruct, retain};
 use super::filter::percentile::percentile;
 use super::operator::Operator;
 use super::picture::Picture;
@@ -184,34 +184,38 @@ impl pulp::NullaryFnOnce for PackRow<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let [weak, strong] = self.limits;
-        let words = self.bits.0.iter_mut().zip(self.bits.1);
-        for (k, (words, lengths)) in words.zip(self.lengths.chunks(WORD)).enumerate() {
-            let within =
-                self.within.map_or(u64::MAX, |within| pack(&within[WORD * k..][..lengths.len()]));
-            *words.0 = pack_reaching(lengths, weak) & within;
-            *words.1 = pack_reaching(lengths, strong) & within;
+        for (bits, least) in [self.bits.0, self.bits.1].into_iter().zip(self.limits) {
+            bits.fill(u64::MAX);
+            retain(bits, self.lengths, |length| least <= length);
+            if let Some(within) = self.within {
+                retain(bits, within, |inside| inside == 1);
+            }
         }
     }
-}
-
-#[inline(always)]
-fn pack_reaching(lengths: &[f32], least: f32) -> u64 {
-    let mut marks = [0; WORD];
-    marks.iter_mut().zip(lengths).for_each(|(mark, length)| *mark = u8::from(least <= *length));
-    pack(&marks)
 }
 
 fn draw(bits: &Bits, width: usize, height: usize) -> Mask {
     let mut pixels = huge_vec(width * height);
     let rows = pixels.par_chunks_mut(width.max(1)).with_min_len(STRIP_ROWS);
     rows.zip(bits.rows.par_chunks(bits.words.max(1))).for_each(|(pixels, words)| {
-        let bytes = words.iter().flat_map(|word| word.to_le_bytes());
-        for (pixels, byte) in pixels.chunks_mut(8).zip(bytes).filter(|(_, byte)| *byte != 0) {
-            pixels.copy_from_slice(&UNPACKED[usize::from(byte)][..pixels.len()]);
+        let (blocks, rest) = pixels.as_chunks_mut();
+        blocks.iter_mut().zip(words).for_each(|(pixels, word)| unpack(*word, pixels));
+        if let Some(word) = words.get(blocks.len()) {
+            let mut last = [false; WORD];
+            unpack(*word, &mut last);
+            rest.copy_from_slice(&last[..rest.len()]);
         }
     });
     Mask::from_bools(width, height, pixels).expect("one mark per pixel")
+}
+
+/// Marks the pixels of the bits that are set; none is marked before.
+fn unpack(word: u64, pixels: &mut [bool; WORD]) {
+    if word != 0 {
+        let (eights, _) = pixels.as_chunks_mut();
+        let bytes = eights.iter_mut().zip(word.to_le_bytes());
+        bytes.for_each(|(pixels, byte)| *pixels = UNPACKED[usize::from(byte)]);
+    }
 }
 
 /// The bits of every byte, the lowest first.

@@ -67,7 +67,16 @@ fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
 /// The sum is a whole number of thousandths, so that gray has exactly its own level.
 #[inline(always)]
 fn luma([r, g, b]: Rgb) -> f32 {
-    (299 * i32::from(r) + 587 * i32::from(g) + 114 * i32::from(b)) as f32 / 1000.0
+    thousandths((299 * i32::from(r) + 587 * i32::from(g) + 114 * i32::from(b)) as f32)
+}
+
+/// A thousandth of a whole number up to 255 000, rounded to nearest as a division rounds it, which takes several times as long: the
+/// first product is exact.
+#[inline(always)]
+fn thousandths(number: f32) -> f32 {
+    const MOST: f32 = 33.0 / 32768.0;
+    const REST: f32 = (0.001 - 33.0 / 32768.0) as f32;
+    number * MOST + number * REST
 }
 
 /// Writes the length of the gradient at the pixels of some rows, from row `first` on, in levels per pixel.
@@ -249,6 +258,11 @@ mod tests {
         for level in 0..=255 {
             assert_eq!(luma([level; 3]), f32::from(level));
         }
+    }
+
+    #[test]
+    fn thousandths_are_quotients() {
+        assert!((0..=255_000).map(|k| k as f32).all(|k| thousandths(k) == k / 1000.0));
     }
 
     #[test]

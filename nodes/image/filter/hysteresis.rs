@@ -28,11 +28,24 @@ impl Bits {
     }
 }
 
-/// Packs 64 numbers or fewer, those that are 1 as set bits.
+/// Clears the bits of a row's pixels that are not wanted, and those behind the last one.
 #[inline(always)]
-pub(crate) fn pack(numbers: &[u8]) -> u64 {
+pub(crate) fn retain<T: Copy>(bits: &mut [u64], pixels: &[T], is_wanted: impl Fn(T) -> bool) {
+    // The loops over whole words have a known length, which makes them several times as fast.
+    let (blocks, rest) = pixels.as_chunks::<WORD>();
+    let (words, others) = bits.split_at_mut(blocks.len());
+    words.iter_mut().zip(blocks).for_each(|(word, block)| *word &= pack(block, &is_wanted));
+    if let [last, behind @ ..] = others {
+        *last &= pack(rest, &is_wanted);
+        behind.fill(0);
+    }
+}
+
+/// Packs 64 pixels or fewer, those that are wanted as set bits.
+#[inline(always)]
+fn pack<T: Copy>(pixels: &[T], is_wanted: impl Fn(T) -> bool) -> u64 {
     let mut bytes = [0; WORD];
-    bytes[..numbers.len()].copy_from_slice(numbers);
+    bytes.iter_mut().zip(pixels).for_each(|(byte, &pixel)| *byte = u8::from(is_wanted(pixel)));
     let (groups, _) = bytes.as_chunks::<8>();
     (groups.iter().enumerate()).fold(0, |word, (k, group)| {
         // The factor brings the lowest bit of byte i to bit 56 + i.
@@ -99,15 +112,14 @@ fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> boo
     }
     carry = false;
     for (here, &weak) in here.iter_mut().zip(weak).rev() {
-        if *here == weak {
-            // Nothing is left to grow into.
-            carry = weak & 1 == 1;
-        } else if *here != 0 || carry {
+        let next = *here >> 1 | u64::from(carry) << (WORD - 1);
+        if next & weak & !*here != 0 {
             let (seeds, weak) = (here.reverse_bits(), weak.reverse_bits());
             let grown = run_on(seeds, weak, &mut carry).reverse_bits();
             changed |= grown ^ *here;
             *here = grown;
         }
+        carry = *here & 1 == 1;
     }
     changed != 0
 }
@@ -132,7 +144,8 @@ mod tests {
         let mut bits = Bits::new(width, pixels.len() / width);
         let words = bits.words;
         for (row, pixels) in bits.rows.chunks_mut(words).zip(pixels.chunks(width)) {
-            row.iter_mut().zip(pixels.chunks(WORD)).for_each(|(word, pixels)| *word = pack(pixels));
+            row.fill(u64::MAX);
+            retain(row, pixels, |pixel| pixel == 1);
         }
         bits
     }

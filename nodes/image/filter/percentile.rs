@@ -2,74 +2,129 @@
 
 use maquette::parallel::*;
 
-/// Numbers that one thread counts at a time.
-const CHUNK: usize = 1 << 20;
+use super::hysteresis::{WORD, retain};
+
+/// Numbers that one thread compares at a time: they stay in its first cache.
+const CHUNK: usize = 1 << 12;
+
+/// One of so many numbers is in the sample.
+const SAMPLED: usize = 256;
 
 /// Of `numbers`, none negative and none NaN, where `within` is 1 (everywhere if left out), the least one that at least
 /// `percent` of them do not exceed: the nearest rank, one of the numbers themselves. None if there are none.
 ///
-/// Two passes count the numbers, whose order is that of their bits: one by their upper 16 bits, the other by the lower ones those that
-/// have the upper bits of the one looked for.
+/// A sample says between which two numbers it lies; one pass counts what is below and picks what is between, a hundredth of all. If the
+/// sample was wrong, a second pass looks on the other side of one of the two: Floyd and Rivest, "Expected time bounds for selection",
+/// Communications of the ACM 18 (1975), section 2.
 pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -> Option<f32> {
-    let counts = count(numbers, within, |numbers, counts| {
-        (0..).zip(numbers).for_each(|(k, number)| counts[upper_bits(*number)][k % 2] += 1);
+    let share = (percent / 100.0).clamp(0.0, 1.0);
+    let mut bounds = estimate(sample(numbers, within), share);
+    loop {
+        let [least, most] = bounds;
+        let ([below, to_least, below_most, to_most, total], mut between) =
+            split(numbers, within, bounds);
+        let rank = ((share * total as f64).ceil() as usize).max(1) - 1;
+        bounds = match rank {
+            _ if total == 0 => return None,
+            _ if rank < below => [0.0, least],
+            _ if rank < to_least => return Some(least),
+            _ if rank < below_most => {
+                let rank = rank - to_least;
+                return Some(*between.select_nth_unstable_by(rank, f32::total_cmp).1);
+            }
+            _ if rank < to_most => return Some(most),
+            _ => [most, f32::INFINITY],
+        };
+    }
+}
+
+fn sample(numbers: &[f32], within: Option<&[u8]>) -> Vec<f32> {
+    let is_inside = |k: &usize| within.is_none_or(|within| within[*k] == 1);
+    let places = (0..numbers.len() / SAMPLED).map(sampled).filter(is_inside);
+    places.map(|k| numbers[k]).collect()
+}
+
+/// A place among the `k`th [`SAMPLED`], such that no pattern of a picture repeats the places.
+fn sampled(k: usize) -> usize {
+    SAMPLED * k + k.wrapping_mul(0x9e37_79b1) / (1 << 24) % SAMPLED
+}
+
+/// Two numbers between which that of this share lies, but for one of some ten thousand samples: four deviations of its rank to either
+/// side.
+fn estimate(mut sample: Vec<f32>, share: f64) -> [f32; 2] {
+    let rank = share * sample.len() as f64;
+    let margin = 4.0 * (rank * (1.0 - share)).sqrt() + 1.0;
+    [(rank - margin, 0.0), (rank + margin, f32::INFINITY)].map(|(rank, none)| {
+        if (0.0..sample.len() as f64).contains(&rank) {
+            *sample.select_nth_unstable_by(rank as usize, f32::total_cmp).1
+        } else {
+            none
+        }
+    })
+}
+
+/// How many numbers inside of the mask are less than the first bound, at most the first, less than the second, at most the second, and
+/// there at all; and those that lie between the bounds.
+fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 5], Vec<f32>) {
+    let chunks = numbers.par_chunks(CHUNK).enumerate().map(|(chunk, numbers)| {
+        let within = within.map(|within| &within[chunk * CHUNK..][..numbers.len()]);
+        pulp::Arch::new().dispatch(Chunk { numbers, within, bounds })
     });
-    let total: u64 = counts.iter().sum();
-    let rank = ((percent / 100.0 * total as f64).ceil() as u64).clamp(1, total.max(1)) - 1;
-    let (upper, rank) = find(&counts, rank)?;
-    let counts = count(numbers, within, |numbers, counts| {
-        // Few are alike: whether any of some is, is found by wide instructions.
-        for numbers in numbers.chunks(64) {
-            if numbers.iter().fold(false, |any, number| any | (upper_bits(*number) == upper)) {
-                let alike = (0..).zip(numbers).filter(|(_, number)| upper_bits(**number) == upper);
-                alike
-                    .for_each(|(k, number)| counts[number.to_bits() as usize & 0xffff][k % 2] += 1);
+    let mut sums = [0; 5];
+    let mut between = Vec::new();
+    for (counts, numbers) in chunks.collect::<Vec<_>>() {
+        sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+        between.extend(numbers);
+    }
+    (sums, between)
+}
+
+/// Some numbers, to be compared by wide instructions.
+struct Chunk<'a> {
+    numbers: &'a [f32],
+    within: Option<&'a [u8]>,
+    bounds: [f32; 2],
+}
+
+impl pulp::NullaryFnOnce for Chunk<'_> {
+    type Output = ([usize; 5], Vec<f32>);
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let [least, most] = self.bounds;
+        let bits = [
+            self.bits(|x| x < least),
+            self.bits(|x| x <= least),
+            self.bits(|x| x < most),
+            self.bits(|x| x <= most),
+            self.bits(|_| true),
+        ];
+        let counts = bits
+            .each_ref()
+            .map(|bits| bits.iter().fold(0, |count, word| count + word.count_ones() as usize));
+        let mut between = Vec::new();
+        let words = bits[2].iter().zip(&bits[1]).map(|(below, to_least)| below & !to_least);
+        for (mut word, numbers) in words.zip(self.numbers.chunks(WORD)) {
+            while word != 0 {
+                between.push(numbers[word.trailing_zeros() as usize]);
+                word &= word - 1;
             }
         }
-    });
-    let (lower, _) = find(&counts, rank)?;
-    Some(f32::from_bits((upper << 16 | lower) as u32))
-}
-
-fn upper_bits(number: f32) -> usize {
-    (number.to_bits() >> 16) as usize
-}
-
-/// Where the number of this rank was counted, and its rank there.
-fn find(counts: &[u64], mut rank: u64) -> Option<(usize, u64)> {
-    for (place, &count) in counts.iter().enumerate() {
-        if rank < count {
-            return Some((place, rank));
-        }
-        rank -= count;
+        (counts, between)
     }
-    None
 }
 
-/// The sums of what `f` counts of the numbers inside of the mask, some at a time, in 2^16 pairs. Neighbors are often alike; with two
-/// counts for each the processor need not wait for the sum just written.
-fn count(
-    numbers: &[f32],
-    within: Option<&[u8]>,
-    f: impl Fn(&[f32], &mut [[u32; 2]]) + Sync + Send + Copy,
-) -> Vec<u64> {
-    let of_chunk = |(chunk, numbers): (usize, &[f32])| {
-        let mut counts = vec![[0; 2]; 1 << 16];
-        match within {
-            None => f(numbers, &mut counts),
-            Some(within) => {
-                let pairs = numbers.iter().zip(&within[chunk * CHUNK..]);
-                let inside = pairs.filter(|(_, inside)| **inside == 1).map(|(number, _)| *number);
-                f(&Vec::from_iter(inside), &mut counts);
-            }
+impl Chunk<'_> {
+    /// The numbers inside of the mask for which `is` is true, as set bits.
+    #[inline(always)]
+    fn bits(&self, is: impl Fn(f32) -> bool) -> [u64; CHUNK / WORD] {
+        let mut bits = [u64::MAX; CHUNK / WORD];
+        retain(&mut bits, self.numbers, is);
+        if let Some(within) = self.within {
+            retain(&mut bits, within, |inside| inside == 1);
         }
-        counts
-    };
-    let mut sums = vec![0; 1 << 16];
-    for counts in numbers.par_chunks(CHUNK).enumerate().map(of_chunk).collect::<Vec<_>>() {
-        sums.iter_mut().zip(counts).for_each(|(sum, [a, b])| *sum += u64::from(a) + u64::from(b));
+        bits
     }
-    sums
 }
 
 #[cfg(test)]
@@ -83,6 +138,19 @@ mod tests {
         sorted.sort_by(f32::total_cmp);
         for (percent, rank) in [(0.0, 0), (0.001, 0), (50.0, 4999), (90.0, 8999), (100.0, 9998)] {
             assert_eq!(percentile(&numbers, None, percent), Some(sorted[rank]), "{percent}");
+        }
+    }
+
+    #[test]
+    fn a_sample_unlike_the_rest_changes_nothing() {
+        for odd in [0.0, 500.0, 1e9] {
+            let mut numbers: Vec<f32> = (0..90_000u32).map(|k| (k * 7919 % 1009) as f32).collect();
+            (0..numbers.len() / SAMPLED).for_each(|k| numbers[sampled(k)] = odd);
+            let mut sorted = numbers.clone();
+            sorted.sort_by(f32::total_cmp);
+            for (percent, rank) in [(0.0, 0), (10.0, 8999), (50.0, 44_999), (100.0, 89_999)] {
+                assert_eq!(percentile(&numbers, None, percent), Some(sorted[rank]), "{odd}");
+            }
         }
     }
 
