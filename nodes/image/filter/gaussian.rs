@@ -1,5 +1,6 @@
 //! Blurs levels with a Gaussian.
 
+use maquette::memory::huge_vec;
 use maquette::parallel::*;
 
 use super::gradient::Levels;
@@ -13,16 +14,17 @@ const REACH: f64 = 4.0;
 /// Each level is changed by the weighed differences of its neighbors from it, so that what is flat stays exactly as it is.
 pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
     let [width, height] = levels.size();
-    let weights = weights(sigma, width.max(height));
-    let mut along_rows = vec![0.0; width * height];
+    let weights = &weights(sigma, width.max(height))[..];
+    let sums = &sums(weights, width)[..];
+    let mut along_rows = huge_vec(width * height);
     along_rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, to)| {
-        let mut here = vec![0.0; width];
-        levels.write_row(row, &mut here);
-        blur_row(&here, &weights, to);
+        pulp::Arch::new().dispatch(AlongRow { levels, row, weights, sums, to });
     });
-    let mut blurred = vec![0.0; width * height];
+    let mut blurred = huge_vec(width * height);
     let rows = blurred.par_chunks_mut(width.max(1)).enumerate();
-    rows.for_each(|(row, to)| blur_across(&along_rows, row, &weights, to));
+    rows.for_each(|(row, to)| {
+        pulp::Arch::new().dispatch(AcrossRows { rows: &along_rows, row, weights, to });
+    });
     blurred
 }
 
@@ -33,42 +35,82 @@ fn weights(sigma: f64, size: usize) -> Vec<f32> {
     (0..=count.min(size)).map(weight).collect()
 }
 
-fn blur_row(row: &[f32], weights: &[f32], to: &mut [f32]) {
-    let count = row.len();
-    let mut sums = vec![weights[0]; count];
-    to.fill(0.0);
-    for (k, weight) in weights.iter().enumerate().skip(1).take_while(|(k, _)| *k < count) {
-        for (here, there) in [(k, 0), (0, k)] {
-            let span = count - k;
-            let places = to[here..][..span].iter_mut().zip(&mut sums[here..][..span]);
-            let levels = row[here..][..span].iter().zip(&row[there..][..span]);
-            for ((to, sum), (here, there)) in places.zip(levels) {
-                *to += weight * (there - here);
-                *sum += weight;
+/// The sums of the weights that lie inside, for each of `count` places along a row.
+fn sums(weights: &[f32], count: usize) -> Vec<f32> {
+    let sum = |place: usize| {
+        (1..).zip(&weights[1..]).fold(weights[0], |mut sum, (k, weight)| {
+            for _ in 0..usize::from(k <= place) + usize::from(place + k < count) {
+                sum += weight;
             }
-        }
-    }
-    let changes = to.iter_mut().zip(row.iter().zip(&sums));
-    changes.for_each(|(to, (level, sum))| *to = level + *to / sum);
+            sum
+        })
+    };
+    (0..count).map(sum).collect()
 }
 
-/// Row `row` of `rows`, blurred along the columns.
-fn blur_across(rows: &[f32], row: usize, weights: &[f32], to: &mut [f32]) {
-    let width = to.len();
-    let height = rows.len() / width;
-    let here = &rows[row * width..][..width];
-    let mut sum = weights[0];
-    to.fill(0.0);
-    for (k, &weight) in weights.iter().enumerate().skip(1) {
-        let others = [row.checked_sub(k), Some(row + k).filter(|other| *other < height)];
-        for other in others.into_iter().flatten() {
-            let there = &rows[other * width..][..width];
-            let levels = to.iter_mut().zip(here.iter().zip(there));
-            levels.for_each(|(to, (here, there))| *to += weight * (there - here));
-            sum += weight;
+/// A row to be blurred along itself, and what the weights sum to; to be compiled for wide instructions.
+struct AlongRow<'a> {
+    levels: Levels<'a>,
+    row: usize,
+    weights: &'a [f32],
+    sums: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for AlongRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { levels, row, weights, sums, to } = self;
+        let count = to.len();
+        let mut here = vec![0.0; count];
+        levels.write_row(row, &mut here);
+        to.fill(0.0);
+        for (k, &weight) in weights.iter().enumerate().take(count).skip(1) {
+            let span = count - k;
+            add_changes(&mut to[k..], weight, &here[k..], &here[..span]);
+            add_changes(&mut to[..span], weight, &here[..span], &here[k..]);
         }
+        let changes = to.iter_mut().zip(here.iter().zip(sums));
+        changes.for_each(|(to, (level, sum))| *to = level + *to / sum);
     }
-    to.iter_mut().zip(here).for_each(|(to, level)| *to = level + *to / sum);
+}
+
+/// One of some rows to be blurred along the columns; to be compiled for wide instructions.
+struct AcrossRows<'a> {
+    rows: &'a [f32],
+    row: usize,
+    weights: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for AcrossRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { rows, row, weights, to } = self;
+        let width = to.len();
+        let height = rows.len() / width;
+        let here = &rows[row * width..][..width];
+        let mut sum = weights[0];
+        to.fill(0.0);
+        for (k, &weight) in weights.iter().enumerate().skip(1) {
+            let others = [row.checked_sub(k), Some(row + k).filter(|other| *other < height)];
+            for other in others.into_iter().flatten() {
+                add_changes(to, weight, here, &rows[other * width..][..width]);
+                sum += weight;
+            }
+        }
+        to.iter_mut().zip(here).for_each(|(to, level)| *to = level + *to / sum);
+    }
+}
+
+#[inline(always)]
+fn add_changes(to: &mut [f32], weight: f32, here: &[f32], there: &[f32]) {
+    let levels = to.iter_mut().zip(here.iter().zip(there));
+    levels.for_each(|(to, (here, there))| *to += weight * (there - here));
 }
 
 #[cfg(test)]
