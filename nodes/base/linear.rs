@@ -8,5 +8,6 @@ pub mod laplace;
 pub mod lu;
 pub mod missed;
 pub mod mix;
+mod multigrid;
 pub mod stencils;
 pub mod transpose;
