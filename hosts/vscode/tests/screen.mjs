@@ -34,6 +34,20 @@ function check(name, body) {
   });
 }
 
+/** Does something until this is seen: while the editor takes in what has changed, it cancels its own questions, and says that there is nothing. */
+function untilSeen(locator, does) {
+  return until(async () => {
+    await does();
+    await locator.waitFor({ timeout: 2000 });
+    return true;
+  });
+}
+
+/** Waits until a file is this: whoever looks while it is written sees a part of it. */
+async function becomes(name, text) {
+  await until(() => editor.read(name) === text).catch(() => assert.equal(editor.read(name), text));
+}
+
 /** What `maquette check` says of a file. */
 function checked(name) {
   const { stdout } = spawnSync(PROGRAM, ["check", "--json", name], { cwd: editor.project, encoding: "utf8" });
@@ -68,32 +82,37 @@ check("1 a mistake that is typed has a squiggle and the words of check", async (
 check("7 a quick fix is one click, and the problem is gone", async (page) => {
   await mistake();
   await page.keyboard.press("ArrowLeft");
-  await page.keyboard.press("Control+.");
   const fix = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: "red" }).first();
+  await untilSeen(fix, async () => {
+    await page.keyboard.press("Escape");
+    await page.keyboard.press("Control+.");
+  });
   // What shields the list from a mouse that was there before it goes away as the mouse moves.
   await fix.hover({ force: true });
   await fix.click({ force: true });
   await page.locator(".squiggly-error").first().waitFor({ state: "detached" });
   await until(async () => (await problems().count()) === 0);
   await editor.save();
-  assert.equal(editor.read("doll.ron"), originals["doll.ron"]);
+  await becomes("doll.ron", originals["doll.ron"]);
 });
 
 check("2 completion offers the fields of a node that are not there yet", async (page) => {
   await editor.open("doll.ron");
   await editor.goto("doll.ron", ", select: Near");
   await editor.type(", ");
-  await page.keyboard.press("Control+Space");
   const list = page.locator(".suggest-widget.visible .monaco-list-row");
-  await list.first().waitFor();
+  const suggest = async () => {
+    await page.keyboard.press("Escape");
+    await page.keyboard.press("Control+Space");
+  };
+  await untilSeen(list.filter({ hasText: "within" }).first(), suggest);
   const offered = await list.allInnerTexts();
   const first = offered.slice(0, 5).map((it) => it.trim().split(/\W/)[0]);
   assert.ok(first.includes("within") && first.includes("invert"), offered.join("; "));
   assert.ok(!first.includes("image") && !first.includes("select"), offered.join("; "));
   await page.keyboard.press("Escape");
   await editor.goto("doll.ron", '"whole", pick', 1);
-  await page.keyboard.press("Control+Space");
-  await list.filter({ hasText: "scan.range" }).first().waitFor();
+  await untilSeen(list.filter({ hasText: "scan.range" }).first(), suggest);
 });
 
 check("4 a hover over a type of nodes shows its words", async (page) => {
@@ -117,9 +136,8 @@ check("6 a rename changes the name in all files and nothing else", async (page) 
   await page.keyboard.press("Enter");
   await page.locator(".rename-box:visible").waitFor({ state: "detached" });
   await editor.command("File: Save All");
-  await until(() => editor.read("face.ron") !== originals["face.ron"] && editor.read("lib/feature.ron") !== originals["lib/feature.ron"]);
-  assert.equal(editor.read("lib/feature.ron"), originals["lib/feature.ron"].replaceAll('"growth"', '"rise"'));
-  assert.equal(editor.read("face.ron"), originals["face.ron"].replaceAll("growth:", "rise:"));
+  await becomes("lib/feature.ron", originals["lib/feature.ron"].replaceAll('"growth"', '"rise"'));
+  await becomes("face.ron", originals["face.ron"].replaceAll("growth:", "rise:"));
   assert.deepEqual(checked("face.ron"), []);
 });
 
@@ -127,12 +145,9 @@ check("8 a node becomes a graph of its own, and comes back", async (page) => {
   await editor.open("doll.ron");
   const choose = async (title) => {
     const action = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: title }).first();
-    // While it still takes in what was saved, the editor cancels its own question, and says that there is nothing.
-    await until(async () => {
+    await untilSeen(action, async () => {
       await editor.goto("doll.ron", '"spots":', 2);
       await page.keyboard.press("Control+Shift+R");
-      await action.waitFor({ timeout: 2000 });
-      return true;
     });
     await action.hover({ force: true });
     await action.click({ force: true });
@@ -148,15 +163,14 @@ check("8 a node becomes a graph of its own, and comes back", async (page) => {
   await choose("Inline `spots`");
   await page.locator(".view-line", { hasText: "Spots(" }).first().waitFor({ state: "detached" });
   await editor.command("File: Save All");
-  await until(() => editor.read("doll.ron") === originals["doll.ron"]);
+  await becomes("doll.ron", originals["doll.ron"]);
   rmSync(join(editor.project, "spots.ron"));
 });
 
 check("9 a color has a box, and a pick changes that one text", async (page) => {
   await editor.open("doll.ron");
   const box = page.locator(".colorpicker-color-decoration");
-  await box.first().waitFor();
-  assert.equal(await box.count(), 1);
+  await until(async () => (await box.count()) === 1);
   await box.first().click();
   const field = page.locator(".colorpicker-widget .saturation-wrap");
   await field.waitFor();
