@@ -1,8 +1,7 @@
 //! A preconditioner for Poisson's equation on part of a grid: what changes slowly is solved on coarser grids.
 //!
 //! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one, over which a correction is
-//! constant, and which is as much too stiff as makes up for corrections 1.8 times as large. So conjugate gradients take some dozens of
-//! steps, however wide the part is.
+//! constant. Such corrections are too small, and are enlarged. So conjugate gradients take some dozens of steps, however wide the part is.
 
 use maquette::parallel::*;
 
@@ -20,7 +19,7 @@ const FEW: usize = 1000;
 /// How much of a Jacobi step is taken.
 const DAMPING: f64 = 0.7;
 
-/// By how much corrections of coarser grids are enlarged: section 3.
+/// By how much corrections of coarser grids are enlarged, as Braess has it.
 const ENLARGED: f64 = 1.8;
 
 /// `diagonal x - sum of weight times neighbor`, for some cells of a grid.
