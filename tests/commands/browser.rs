@@ -93,6 +93,11 @@ impl Browser {
 
     /// The answer to a command.
     pub(crate) fn call(&mut self, method: &str, parameters: Json) -> Json {
+        self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// The same, or what the browser says against it.
+    fn try_call(&mut self, method: &str, parameters: Json) -> Result<Json, Json> {
         self.last += 1;
         let mut command = json!({ "id": self.last, "method": method, "params": parameters });
         if !self.session.is_empty() {
@@ -103,8 +108,8 @@ impl Browser {
             let Message::Text(text) = self.socket.read().unwrap() else { continue };
             let mut message: Json = serde_json::from_str(&text).unwrap();
             if message["id"] == self.last {
-                assert!(message["error"].is_null(), "{method}: {}", message["error"]);
-                return message["result"].take();
+                let error = message["error"].take();
+                return if error.is_null() { Ok(message["result"].take()) } else { Err(error) };
             }
             let is_error = message["params"]["type"] == "error"
                 || message["params"]["entry"]["level"] == "error"
@@ -128,18 +133,24 @@ impl Browser {
 
     /// What an expression of JavaScript is.
     pub(crate) fn ask(&mut self, expression: &str) -> Json {
-        let asked =
-            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-        let mut answer = self.call("Runtime.evaluate", asked);
-        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
-        answer["result"]["value"].take()
+        self.try_ask(expression).unwrap_or_else(|error| panic!("{expression}: {error}"))
     }
 
-    /// Waits until an expression is true; how long it took.
+    /// The same, or that the page was left while it was asked.
+    fn try_ask(&mut self, expression: &str) -> Result<Json, Json> {
+        let asked =
+            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let mut answer = self.try_call("Runtime.evaluate", asked)?;
+        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
+        Ok(answer["result"]["value"].take())
+    }
+
+    /// Waits until an expression is true, be it of another page that comes meanwhile; how long it took.
     #[track_caller]
     pub(crate) fn wait(&mut self, expression: &str) -> Duration {
         let start = Instant::now();
-        while self.ask(&format!("Boolean({expression})")) != true {
+        let wanted = format!("Boolean({expression})");
+        while !self.try_ask(&wanted).is_ok_and(|answer| answer == true) {
             assert!(start.elapsed() < PATIENCE, "this never came true: {expression}");
             std::thread::sleep(Duration::from_millis(20));
         }
