@@ -46,7 +46,8 @@ const MEMORY: usize = 1 << 30;
 /// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
 /// 12. What its migrations call old is not there, and what they call new is.
 /// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings.
-/// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end.
+/// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end; pieces that are said to be made of the
+///     same are the same.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///

@@ -169,6 +169,15 @@ fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result<(), TooFar
     first.map_or(Ok(()), |index| Err(TooFar { what, index, place: points[index].coords.into() }))
 }
 
+/// The same of the vertices of a mesh, which are looked at only if one of them is there.
+fn check_mesh(mesh: &Mesh) -> Result<(), TooFar> {
+    let is_near = |place: Point3<f64>| place.iter().all(|&x| (x as f32).is_finite());
+    match mesh.known_bounds().is_none_or(|(low, high)| is_near(low) && is_near(high)) {
+        true => Ok(()),
+        false => check_single("vertex", mesh.positions()),
+    }
+}
+
 /// Points that one task looks at.
 const BLOCK: usize = 4096;
 
@@ -185,6 +194,16 @@ fn coarse(points: &[Point3<f64>]) -> Option<String> {
     let of_blocks: Vec<_> = points.par_chunks(BLOCK).map(of_block).collect();
     let both = |a: (Point3<f64>, Point3<f64>), b: &(_, _)| (a.0.inf(&b.0), a.1.sup(&b.1));
     let (low, high) = of_blocks.iter().fold(none, both);
+    coarse_within(low, high)
+}
+
+/// The same of a mesh.
+fn coarse_mesh(mesh: &Mesh) -> Option<String> {
+    mesh.known_bounds().and_then(|(low, high)| coarse_within(low, high))
+}
+
+/// The same of places between these.
+fn coarse_within(low: Point3<f64>, high: Point3<f64>) -> Option<String> {
     let size = (high - low).norm();
     let far = low.coords.amax().max(high.coords.amax());
     let step = far * f64::from(f32::EPSILON);

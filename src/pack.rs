@@ -10,6 +10,7 @@ use crate::value::{AnyValue, Value, ValueType, value_type};
 mod content;
 
 pub use content::Content;
+pub(crate) use content::{Kept, Pieces};
 
 /// A named list of nodes, with the values and file formats that they need.
 #[derive(Clone, Copy)]

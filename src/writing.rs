@@ -11,6 +11,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use tempfile::NamedTempFile;
+
 use crate::paths::without_dots;
 use crate::plain;
 use crate::stamp::Stamp;
@@ -19,6 +21,7 @@ mod large;
 #[cfg(feature = "cli")]
 mod shelf;
 mod sources;
+mod spare;
 mod temporary;
 mod turn;
 
@@ -26,6 +29,7 @@ pub(crate) use large::write_at;
 #[cfg(feature = "cli")]
 pub(crate) use shelf::Shelf;
 pub(crate) use sources::Sources;
+pub(crate) use spare::Spare;
 pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
 pub(crate) use turn::Turn;
 
@@ -93,15 +97,17 @@ impl<'a> Destination<'a> {
         Ok(write_whole(path, bytes)?)
     }
 
-    /// The same for so many bytes that `fill` writes; what it gives comes along.
-    pub(crate) fn write_by<T>(
+    /// The same for so many bytes that `fill` writes, into a new file, or over one of which it is told what it holds; what it gives comes
+    /// along.
+    pub(crate) fn write_again<S, T>(
         &self,
         path: &Path,
         len: usize,
-        fill: impl FnMut(&mut File) -> io::Result<T>,
-    ) -> Result<(Option<Stamp>, T), Refused> {
+        last: Last<S>,
+        fill: impl FnMut(&mut File, Option<&S>) -> io::Result<T>,
+    ) -> Result<Rewritten<S, T>, Refused> {
         self.judge(path)?;
-        Ok(write_by(path, len, fill)?)
+        Ok(write_by(path, len, last, fill)?)
     }
 
     /// Writes one file, and removes what killed processes left beside it.
@@ -315,31 +321,77 @@ pub(crate) fn is_private(metadata: &Metadata, permissions: u32) -> bool {
 /// The same for a content in parts.
 pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Stamp>> {
     let len = parts.iter().map(|part| part.len()).sum();
-    let fill = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
-    write_by(path, len, fill).map(|(stamp, ())| stamp)
+    let fill =
+        |file: &mut File, _: Option<&()>| parts.iter().try_for_each(|part| file.write_all(part));
+    write_by(path, len, Last::default(), fill).map(|written| written.stamp)
 }
 
-/// The same for so many bytes that `fill` writes, which is asked again if the file has gone meanwhile; what it gives comes along.
-fn write_by<T>(
+/// What this process left where a file is written again.
+pub(crate) struct Last<S> {
+    /// The file that lies there, and what it holds, if it is to be kept for the next time.
+    pub(crate) there: Option<(Stamp, S)>,
+    /// One from before, to be written over.
+    pub(crate) spare: Option<Spare<S>>,
+}
+
+impl<S> Default for Last<S> {
+    fn default() -> Self {
+        Self { there: None, spare: None }
+    }
+}
+
+/// A file that was written.
+pub(crate) struct Rewritten<S, T> {
+    /// Its stamp, unless somebody else has changed it already.
+    pub(crate) stamp: Option<Stamp>,
+    /// What came of writing it.
+    pub(crate) told: T,
+    /// The one that it replaced.
+    pub(crate) spare: Option<Spare<S>>,
+}
+
+/// The same for so many bytes that `fill` writes, which is asked again if the file has gone meanwhile.
+fn write_by<S, T>(
     path: &Path,
     len: usize,
-    mut fill: impl FnMut(&mut File) -> io::Result<T>,
-) -> io::Result<(Option<Stamp>, T)> {
+    last: Last<S>,
+    mut fill: impl FnMut(&mut File, Option<&S>) -> io::Result<T>,
+) -> io::Result<Rewritten<S, T>> {
     let folder = beside(path);
+    let Last { mut there, mut spare } = last;
     in_spite_of_removal(|is_gone| {
         if is_gone {
             fs::create_dir_all(folder)?;
         }
-        let mut file = temporary::create(folder)?;
-        large::make_room(file.as_file(), len);
-        let told = fill(file.as_file_mut())?;
+        let (mut file, holds) = match spare.take().and_then(Spare::reuse) {
+            Some((file, holds)) => (file, Some(holds)),
+            None => (temporary::create(folder)?, None),
+        };
+        match holds {
+            Some(_) => file.as_file().set_len(len as u64)?,
+            None => large::make_room(file.as_file(), len),
+        }
+        let told = fill(file.as_file_mut(), holds.as_ref())?;
+        large::mark(file.as_file(), len)?;
         let written = file.as_file().metadata()?;
-        let old = large::Old::at(path, len);
         // Still locked while it is moved.
-        let file = file.persist(path).map_err(|error| error.error)?;
-        old.forget();
-        Ok((Stamp::moved(&written, &file.metadata()?), told))
+        let (file, spare) = match there.take() {
+            Some((stamp, holds)) => match Spare::exchange(file, path, stamp, holds) {
+                Ok(moved) => moved,
+                Err(file) => (persist(file, path, len)?, None),
+            },
+            None => (persist(file, path, len)?, None),
+        };
+        Ok(Rewritten { stamp: Stamp::moved(&written, &file.metadata()?), told, spare })
     })
+}
+
+/// Moves a file of so many bytes to its place.
+fn persist(file: NamedTempFile, path: &Path, len: usize) -> io::Result<File> {
+    let old = large::Old::at(path, len);
+    let file = file.persist(path).map_err(|error| error.error)?;
+    old.forget();
+    Ok(file)
 }
 
 /// Does it again if a file or folder has gone meanwhile, which `does` is told: somebody may clear the cache, or sweep a folder,

@@ -2,7 +2,9 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use super::updates::changed;
 use crate::pack::Format;
+use crate::random::Random;
 use crate::value::AnyValue;
 
 /// Pieces of so many bytes are asked for: none of them ends where rows do.
@@ -11,8 +13,8 @@ const PIECES: [usize; 3] = [1, 61, 4099];
 /// Checks a format with the hostile values of its type.
 pub(super) fn check(format: &Format, broken: &mut Vec<String>) {
     for value in (format.kind)().hostile() {
-        if let Some(why) = catch_unwind(AssertUnwindSafe(|| wrong(format, &value))).unwrap_or(None)
-        {
+        let wrong = || wrong(format, &value).or_else(|| mistaken(format, &value));
+        if let Some(why) = catch_unwind(AssertUnwindSafe(wrong)).unwrap_or(None) {
             broken.push(format!("`.{}`: {why}, with {value:?}", format.ending));
         }
     }
@@ -42,13 +44,38 @@ fn wrong(format: &Format, value: &AnyValue) -> Option<String> {
     Some(format!("pieces of {size} bytes are not those of the whole"))
 }
 
+/// So many changes are made to each value.
+const CHANGES: usize = 12;
+
+/// Two pieces that are not the same, but are said to be made of the same.
+fn mistaken(format: &Format, value: &AnyValue) -> Option<String> {
+    let before = format.content(value).ok()??;
+    let mut dice = Random(0);
+    (0..CHANGES).find_map(|_| {
+        let changed = changed(value, &mut dice)?;
+        let now = format.content(&changed).ok()??;
+        let common = before.len().min(now.len());
+        let size = PIECES[1 + dice.below(PIECES.len() - 1)];
+        let mut stretches = (0..common).step_by(size).map(|k| k..common.min(k + size));
+        let wrong = stretches.find(|stretch| {
+            let [a, b] = [&before, &now].map(|content| {
+                let mut bytes = vec![0; stretch.len()];
+                content.fill(stretch.start, &mut bytes);
+                (content.stretch(stretch.clone()), bytes)
+            });
+            a.0.is_some() && a.0 == b.0 && a.1 != b.1
+        })?;
+        Some(format!("bytes {wrong:?} are said to be those of another value, {changed:?}"))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::error::Error;
     use crate::format::FORMATS;
     use crate::pack::{Content, FileFormat, NewFile, format};
-    use crate::value::Mask;
+    use crate::value::{Hash, Mask, Mesh};
 
     #[test]
     fn pieces_of_all_formats_are_those_of_the_whole_file() {
@@ -81,5 +108,38 @@ mod tests {
         let mut broken = Vec::new();
         check(&format::<Late>(), &mut broken);
         assert!(broken[0].starts_with("`.late`: pieces of 1 bytes are not"), "{broken:?}");
+    }
+
+    /// Says of all that it is made of the same.
+    struct Same;
+
+    impl FileFormat for Same {
+        type Value = Mesh;
+        const ENDING: &'static str = "same";
+
+        fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+            let places: Vec<[f64; 3]> =
+                mesh.positions().iter().map(|it| it.coords.into()).collect();
+            Ok(NewFile::only(name, bytemuck::cast_slice(&places).to_vec()))
+        }
+
+        fn content<'a>(
+            mesh: &'a Mesh,
+            _: Option<&crate::Signature>,
+        ) -> Result<Option<Content<'a>>, Error> {
+            let bytes = Self::write(mesh, "")?.remove(0).bytes;
+            let fill = move |place: usize, piece: &mut [u8]| {
+                piece.copy_from_slice(&bytes[place..][..piece.len()]);
+            };
+            let len = size_of_val(&mesh.positions()[..]);
+            Ok(Some(Content::pieces(len, fill).made_of(|_| Hash::of(b"mesh"))))
+        }
+    }
+
+    #[test]
+    fn pieces_that_are_said_to_be_made_of_the_same_and_are_not_are_told() {
+        let mut broken = Vec::new();
+        check(&format::<Same>(), &mut broken);
+        assert!(broken[0].contains("are said to be those of another value"), "{broken:?}");
     }
 }

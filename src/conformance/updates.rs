@@ -85,7 +85,7 @@ fn agrees(node: &GraphNode, now: &[AnyValue], previous: &Previous<'_>) -> Result
 }
 
 /// The value with some numbers in a row of one of its parts changed; none if its type takes no such parts.
-fn changed(value: &AnyValue, dice: &mut Random) -> Option<AnyValue> {
+pub(super) fn changed(value: &AnyValue, dice: &mut Random) -> Option<AnyValue> {
     let mut parts = value.parts();
     let count = parts.columns.len();
     let items = &mut parts.columns.get_mut(dice.below(count.max(1)))?.items;

@@ -3,7 +3,6 @@
 //! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
 //! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
 
-use std::borrow::Cow;
 use std::iter;
 
 use bytemuck::NoUninit;
@@ -14,13 +13,13 @@ use thiserror::Error;
 use super::corners::{Split, split};
 use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
-use super::{BLOCK, check_single, coarse};
+use super::{BLOCK, check_mesh, coarse_mesh};
 use crate::error;
 use crate::pack::{Content, FileFormat, NewFile};
 use crate::parallel::*;
-use crate::provenance::{Signature, extras_of_glb};
+use crate::provenance::{Signature, extras_of_glb, padded};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Mesh, Rgb, linear_from_srgb};
+use crate::value::{Column, Mesh, Rgb, linear_from_srgb};
 
 mod accessor;
 mod gltf;
@@ -71,7 +70,7 @@ impl FileFormat for MeshGlb {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse(mesh.positions()).into_iter().collect()
+        coarse_mesh(mesh).into_iter().collect()
     }
 }
 
@@ -83,12 +82,15 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
     if mesh.positions().is_empty() {
         return Err(GlbError::Empty.into());
     }
-    check_single("vertex", mesh.positions())?;
+    check_mesh(mesh)?;
     let vertices = Vertices::new(mesh);
     let mut file = Buffers::default();
     let mut attributes = json!({ "POSITION": file.positions(&vertices) });
+    let mut seen = None;
     if !mesh.faces().is_empty() {
-        attributes["NORMAL"] = file.normals(&vertices).into();
+        let (accessor, normals) = file.normals(&vertices);
+        attributes["NORMAL"] = accessor.into();
+        seen = normals;
     }
     let texture = mesh.texture().filter(|_| vertices.has_uv());
     if vertices.has_uv() {
@@ -140,22 +142,24 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
     if let Some(told) = signature.and_then(|signature| extras_of_glb(&signature.words)) {
         document["asset"]["extras"] = told;
     }
-    let head = Table::of_bytes(head(&document, file.length)?);
-    Ok(in_pieces(iter::once(head).chain(file.tables).collect()))
+    let text = document.to_string();
+    let text = if signature.is_some() { padded(text) } else { text };
+    let head = Table::of_bytes(head(text, file.length)?);
+    Ok(in_pieces(iter::once(head).chain(file.tables).collect()).keeping(seen))
 }
 
 /// The file around the document and its buffer.
 fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError> {
     buffer.resize(buffer.len().next_multiple_of(4), 0);
-    let mut bytes = head(document, buffer.len())?;
+    let mut bytes = head(document.to_string(), buffer.len())?;
     bytes.append(&mut buffer);
     Ok(bytes)
 }
 
 /// What is before the buffer, whose length is a multiple of 4: a header of 12 bytes, a chunk for the document, padded to 4, and the header
 /// of another chunk, both of 8.
-fn head(document: &Value, buffer: usize) -> Result<Vec<u8>, GlbError> {
-    let mut text = document.to_string().into_bytes();
+fn head(document: String, buffer: usize) -> Result<Vec<u8>, GlbError> {
+    let mut text = document.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let size = 12 + 8 + text.len() + 8 + buffer;
     let total = u32::try_from(size).map_err(|_| GlbError::TooLarge { bytes: size })?;
@@ -190,25 +194,37 @@ impl<'a> Vertices<'a> {
     }
 
     /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
-    fn gather<T: Copy>(
+    fn gather<T: Copy + Send + Sync>(
         &self,
-        per_vertex: Option<Cow<'a, [T]>>,
-        per_corner: Option<&[T]>,
-    ) -> Cow<'a, [T]> {
+        per_vertex: Option<&Column<T>>,
+        per_corner: Option<&Column<T>>,
+    ) -> Column<T> {
         let corners = self.mesh.faces().corners();
         match (per_vertex, per_corner, &self.split) {
-            (Some(data), _, None) => data,
-            (Some(data), _, Some(split)) => split
-                .corners
-                .iter()
-                .map(|&corner| data[corners[corner as usize] as usize])
-                .collect(),
+            (Some(data), _, None) => data.clone(),
+            (Some(data), _, Some(split)) => {
+                let vertices = split.corners.iter().map(|&corner| corners[corner as usize]);
+                vertices.map(|vertex| data[vertex as usize]).collect()
+            }
             (None, Some(data), Some(split)) => {
                 split.corners.iter().map(|&corner| data[corner as usize]).collect()
             }
             _ => unreachable!("data are asked for only where there are some"),
         }
     }
+}
+
+/// The lowest and highest coordinates of some points, of which there is at least one.
+fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
+    let of = |points: &[Point3<f64>]| {
+        points[1..]
+            .iter()
+            .fold((points[0], points[0]), |(low, high), it| (low.inf(it), high.sup(it)))
+    };
+    let blocks: Vec<_> = points.par_chunks(BLOCK).map(of).collect();
+    type Bounds = (Point3<f64>, Point3<f64>);
+    let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
+    blocks[1..].iter().fold(blocks[0], both)
 }
 
 /// The bytes behind the document, and what says what they are.
@@ -252,62 +268,65 @@ impl<'a> Buffers<'a> {
     }
 
     /// Adds an attribute of vertices; gives the index of its accessor.
-    fn attribute<T: Clone + Send + Sync, B: NoUninit>(
+    fn attribute<T: NoUninit + Send + Sync, B: NoUninit>(
         &mut self,
-        items: Cow<'a, [T]>,
+        name: &'static str,
+        items: Column<T>,
         kind: (u32, &str),
-        entry: impl Fn(&T) -> B + Sync + 'a,
+        entry: impl Fn(&T) -> B + Send + Sync + 'a,
     ) -> usize {
         let count = items.len();
-        let view = self.view(Table::of_column(items, entry), Some(ARRAY_BUFFER));
+        let view = self.view(Table::of_column(name, items, entry), Some(ARRAY_BUFFER));
         self.accessor(json!({
             "bufferView": view, "componentType": kind.0, "type": kind.1, "count": count,
         }))
     }
 
     fn positions(&mut self, vertices: &Vertices<'a>) -> usize {
-        let points = vertices.gather(Some(vertices.mesh.positions()[..].into()), None);
-        let bounds = |points: &[Point3<f64>]| {
-            let mut points = points.iter().map(|point| point.map(|x| x as f32));
-            let first = points.next().expect("no block is empty");
-            points.fold((first, first), |(low, high), it| (low.inf(&it), high.sup(&it)))
-        };
-        let blocks: Vec<_> = points.par_chunks(BLOCK).map(bounds).collect();
-        type Bounds = (Point3<f32>, Point3<f32>);
-        let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
-        let (low, high) = blocks[1..].iter().fold(blocks[0], both);
-        let accessor = self.attribute(points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
-        self.accessors[accessor]["min"] = json!(low.coords.as_slice());
-        self.accessors[accessor]["max"] = json!(high.coords.as_slice());
+        let points = vertices.gather(Some(vertices.mesh.positions()), None);
+        let known = vertices.split.is_none().then(|| vertices.mesh.known_bounds()).flatten();
+        let (low, high) = known.unwrap_or_else(|| bounds(&points));
+        let entry = |point: &Point3<f64>| floats(point.coords.into());
+        let accessor = self.attribute("position", points, (FLOAT, "VEC3"), entry);
+        self.accessors[accessor]["min"] = json!(low.cast::<f32>().coords.as_slice());
+        self.accessors[accessor]["max"] = json!(high.cast::<f32>().coords.as_slice());
         accessor
     }
 
-    fn normals(&mut self, vertices: &Vertices<'a>) -> usize {
+    /// Gives also what has been found for it.
+    fn normals(&mut self, vertices: &Vertices<'a>) -> (usize, Option<Column<[f32; 3]>>) {
         let mesh = vertices.mesh;
-        let per_corner = mesh.corner().vectors("normal").map(|column| &**column);
-        let per_corner = per_corner.filter(|_| mesh.vertex().vectors("normal").is_none());
-        let per_vertex = per_corner.is_none().then(|| mesh.normals());
+        let per_vertex = mesh.vertex().vectors("normal");
+        let per_corner = mesh.corner().vectors("normal").filter(|_| per_vertex.is_none());
+        if per_vertex.or(per_corner).is_none() {
+            let normals = mesh.single_normals();
+            let entry = |&normal: &[f32; 3]| match normal {
+                // glTF has unit normals only; a vertex of no face gets any.
+                [0.0, 0.0, 0.0] => [0.0, 0.0, 1.0].map(f32::to_le_bytes),
+                unit => unit.map(f32::to_le_bytes),
+            };
+            let all = vertices.gather(Some(&normals), None);
+            return (self.attribute("seen normal", all, (FLOAT, "VEC3"), entry), Some(normals));
+        }
         let normals = vertices.gather(per_vertex, per_corner);
-        self.attribute(normals, (FLOAT, "VEC3"), |&normal| {
-            // glTF has unit normals only; a vertex of no face gets any.
+        let accessor = self.attribute("normal", normals, (FLOAT, "VEC3"), |&normal| {
             let unit = Vector3::from(normal).try_normalize(0.0).filter(|unit| unit.x.is_finite());
             floats(unit.unwrap_or(Vector3::z()).into())
-        })
+        });
+        (accessor, None)
     }
 
     fn uv(&mut self, vertices: &Vertices<'a>) -> usize {
         let mesh = vertices.mesh;
-        let per_vertex = mesh.vertex().pairs("uv").map(|column| column[..].into());
-        let per_corner = mesh.corner().pairs("uv").map(|column| &**column);
-        let uv = vertices.gather(per_vertex, per_corner);
+        let uv = vertices.gather(mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
         // In glTF (0, 0) is the picture's upper left corner.
-        self.attribute(uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
+        self.attribute("uv", uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
     }
 
     /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
-    fn colors(&mut self, vertices: &Vertices<'a>, colors: &'a [Rgb]) -> usize {
-        let colors = vertices.gather(Some(colors.into()), None);
-        let accessor = self.attribute(colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
+    fn colors(&mut self, vertices: &Vertices<'a>, colors: &Column<Rgb>) -> usize {
+        let colors = vertices.gather(Some(colors), None);
+        let accessor = self.attribute("color", colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
             let [red, green, blue] =
                 color.map(|channel| (linear_from_srgb(channel) * 65535.0).round() as u16);
             [red, green, blue, u16::MAX].map(u16::to_le_bytes)
@@ -322,10 +341,10 @@ impl<'a> Buffers<'a> {
         let table = match (vertices.split, faces.sides()) {
             // Any stretch of them, as they are.
             (None, Some(3)) => {
-                Table::of_column(faces.corners()[..].into(), |&corner| indices([corner]))
+                Table::of_column("corner", faces.corners().clone(), |&corner| indices([corner]))
             }
             (Some(split), Some(3)) => {
-                Table::of_column(split.of_corner.into(), |&corner| indices([corner]))
+                Table::of_column("corner", split.of_corner.into(), |&corner| indices([corner]))
             }
             (split, _) => {
                 let corners = split.as_ref().map_or(&faces.corners()[..], |split| &split.of_corner);
@@ -334,7 +353,7 @@ impl<'a> Buffers<'a> {
                     let corners = &corners[faces.first_corner(face)..faces.first_corner(face + 1)];
                     fans.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
                 }
-                Table::of_column(fans.into(), |&triangle| indices(triangle))
+                Table::of_column("fan", fans.into(), |&triangle| indices(triangle))
             }
         };
         let count = table.size() / 4;

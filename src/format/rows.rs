@@ -1,11 +1,14 @@
 //! Tables of bytes, filled column by column: what binary formats store.
 
-use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::Arc;
 
+use blake3::Hasher;
 use bytemuck::{NoUninit, bytes_of};
 
 use crate::pack::Content;
 use crate::parallel::*;
+use crate::value::{Column, Hash};
 
 /// Rows that one task fills: few enough to stay in a core's cache from column to column.
 const BLOCK: usize = 4096;
@@ -32,43 +35,75 @@ pub(super) fn fill_column<T, B: NoUninit>(
     }
 }
 
-/// Fills rows of `stride` bytes in, the first of which has this number: given rows, number, stride.
-type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize) + Sync + 'a>;
+/// The rows of a table.
+pub(super) trait Rows: Send + Sync {
+    /// Fills rows of `stride` bytes in, the first of which has this number.
+    fn fill(&self, rows: &mut [u8], first: usize, stride: usize);
+
+    /// Hashes what tells these rows from others: where this hashes the same, rows of as many bytes are the same.
+    fn hash(&self, rows: Range<usize>, to: &mut Hasher);
+}
 
 /// A table of a file, any stretch of which can be made by itself.
 pub(super) struct Table<'a> {
     count: usize,
     stride: usize,
-    fill: Fill<'a>,
+    rows: Box<dyn Rows + 'a>,
+}
+
+/// Bytes that are there.
+struct Bytes(Column<u8>);
+
+impl Rows for Bytes {
+    fn fill(&self, rows: &mut [u8], first: usize, _: usize) {
+        rows.copy_from_slice(&self.0[first..][..rows.len()]);
+    }
+
+    fn hash(&self, rows: Range<usize>, to: &mut Hasher) {
+        self.0.hash_rows(rows, to);
+    }
+}
+
+/// The bytes of `entry(item)`, one item per row.
+struct Entries<'a, T, F> {
+    name: &'a str,
+    items: Column<T>,
+    entry: F,
+}
+
+impl<T: NoUninit + Send + Sync, B: NoUninit, F: Fn(&T) -> B + Send + Sync> Rows
+    for Entries<'_, T, F>
+{
+    fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
+        for (row, item) in rows.chunks_exact_mut(stride).zip(&self.items[first..]) {
+            row.copy_from_slice(bytes_of(&(self.entry)(item)));
+        }
+    }
+
+    fn hash(&self, rows: Range<usize>, to: &mut Hasher) {
+        to.update(self.name.as_bytes());
+        self.items.hash_rows(rows, to);
+    }
 }
 
 impl<'a> Table<'a> {
     /// So many rows of `stride` bytes (at least 1).
-    pub(super) fn new(
-        count: usize,
-        stride: usize,
-        fill: impl Fn(&mut [u8], usize, usize) + Sync + 'a,
-    ) -> Self {
-        Self { count, stride, fill: Box::new(fill) }
+    pub(super) fn new(count: usize, stride: usize, rows: impl Rows + 'a) -> Self {
+        Self { count, stride, rows: Box::new(rows) }
     }
 
     /// Bytes that are there.
     pub(super) fn of_bytes(bytes: Vec<u8>) -> Self {
-        Self::new(bytes.len(), 1, move |rows, first, _| {
-            rows.copy_from_slice(&bytes[first..][..rows.len()]);
-        })
+        Self::new(bytes.len(), 1, Bytes(bytes.into()))
     }
 
-    /// The bytes of `entry(item)`, one item per row.
-    pub(super) fn of_column<T: Clone + Send + Sync, B: NoUninit>(
-        items: Cow<'a, [T]>,
-        entry: impl Fn(&T) -> B + Sync + 'a,
+    /// The bytes of `entry(item)`, one item per row; tables of the same name have the same `entry`.
+    pub(super) fn of_column<T: NoUninit + Send + Sync, B: NoUninit>(
+        name: &'a str,
+        items: Column<T>,
+        entry: impl Fn(&T) -> B + Send + Sync + 'a,
     ) -> Self {
-        Self::new(items.len(), size_of::<B>(), move |rows, first, _| {
-            for (row, item) in rows.chunks_exact_mut(size_of::<B>()).zip(&items[first..]) {
-                row.copy_from_slice(bytes_of(&entry(item)));
-            }
-        })
+        Self::new(items.len(), size_of::<B>(), Entries { name, items, entry })
     }
 
     /// How many bytes it has.
@@ -82,7 +117,7 @@ impl<'a> Table<'a> {
         let (mut row, lead) = (place / stride, place % stride);
         let whole = |row: usize| {
             let mut bytes = vec![0; stride];
-            (self.fill)(&mut bytes, row, stride);
+            self.rows.fill(&mut bytes, row, stride);
             bytes
         };
         if lead > 0 {
@@ -93,7 +128,7 @@ impl<'a> Table<'a> {
         }
         let (rows, start) = bytes.split_at_mut(bytes.len() / stride * stride);
         for rows in rows.chunks_mut(BLOCK * stride) {
-            (self.fill)(rows, row, stride);
+            self.rows.fill(rows, row, stride);
             row += rows.len() / stride;
         }
         if !start.is_empty() {
@@ -104,19 +139,38 @@ impl<'a> Table<'a> {
 
 /// A file of tables, one behind the other.
 pub(super) fn in_pieces(tables: Vec<Table<'_>>) -> Content<'_> {
+    let tables = Arc::new(tables);
+    let same = tables.clone();
     let len = tables.iter().map(Table::size).sum();
-    Content::pieces(len, move |mut place, mut bytes| {
-        let mut end = 0;
-        for table in &tables {
-            let start = end;
-            end += table.size();
-            if start <= place && place < end {
-                let count = bytes.len().min(end - place);
-                let (own, behind) = bytes.split_at_mut(count);
-                table.fill(place - start, own);
-                (bytes, place) = (behind, place + count);
-            }
+    let fill = move |place: usize, mut bytes: &mut [u8]| {
+        for (table, stretch) in stretches(&tables, place..place + bytes.len()) {
+            let (own, behind) = bytes.split_at_mut(stretch.len());
+            table.fill(stretch.start, own);
+            bytes = behind;
         }
+    };
+    Content::pieces(len, fill).made_of(move |stretch| {
+        let mut to = Hasher::new();
+        for (table, Range { start, end }) in stretches(&same, stretch) {
+            let numbers = [table.count, table.stride, start, end].map(usize::to_le_bytes);
+            to.update(numbers.as_flattened());
+            table.rows.hash(start / table.stride..end.div_ceil(table.stride), &mut to);
+        }
+        Hash(*to.finalize().as_bytes())
+    })
+}
+
+/// The tables that have bytes in a stretch of a file, in order, and which bytes of each.
+fn stretches<'t, 'a>(
+    tables: &'t [Table<'a>],
+    stretch: Range<usize>,
+) -> impl Iterator<Item = (&'t Table<'a>, Range<usize>)> {
+    let mut end = 0;
+    tables.iter().filter_map(move |table| {
+        let start = end;
+        end += table.size();
+        let own = stretch.start.max(start)..stretch.end.min(end);
+        (!own.is_empty()).then(|| (table, own.start - start..own.end - start))
     })
 }
 
@@ -134,18 +188,26 @@ pub(super) fn indices<const N: usize>(numbers: [u32; N]) -> [[u8; 4]; N] {
 mod tests {
     use super::*;
 
-    #[test]
-    fn any_stretch_of_tables_is_that_of_the_whole_file() {
-        let numbers = |rows: &mut [u8], first: usize, stride: usize| {
+    /// Rows that are full of their number.
+    struct Numbers;
+
+    impl Rows for Numbers {
+        fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
             assert!(!rows.is_empty() && rows.len().is_multiple_of(stride), "whole rows");
             let rows = rows.chunks_exact_mut(stride).zip(first..);
             rows.for_each(|(row, number)| row.fill((number as u8).wrapping_add(1)));
-        };
+        }
+
+        fn hash(&self, _: Range<usize>, _: &mut Hasher) {}
+    }
+
+    #[test]
+    fn any_stretch_of_tables_is_that_of_the_whole_file() {
         let tables = vec![
             Table::of_bytes(b"head".to_vec()),
-            Table::new(0, 5, numbers),
-            Table::new(3, 7, numbers),
-            Table::new(BLOCK + 5, 2, numbers),
+            Table::new(0, 5, Numbers),
+            Table::new(3, 7, Numbers),
+            Table::new(BLOCK + 5, 2, Numbers),
         ];
         let content = in_pieces(tables);
         let len = content.len();

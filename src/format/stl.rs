@@ -8,7 +8,7 @@ use thiserror::Error;
 use super::corners::FaceList;
 use super::rows::floats;
 use super::upright::upright;
-use super::{TooFar, check_single, coarse, excerpt, finite, open, parse, words};
+use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
@@ -199,12 +199,12 @@ impl FileFormat for MeshStl {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse(mesh.positions()).into_iter().chain(open(mesh)).collect()
+        coarse_mesh(mesh).into_iter().chain(open(mesh)).collect()
     }
 }
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
-    check_single("vertex", mesh.positions())?;
+    check_mesh(mesh)?;
     let triangles: usize = mesh.faces().iter().map(|face| face.len() - 2).sum();
     let count = u32::try_from(triangles).map_err(|_| StlError::TooLarge { triangles })?;
     let mut bytes = Vec::with_capacity(84 + TRIANGLE * triangles);

@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::upright::upright;
-use super::{check_single, coarse, open, png, zip};
+use super::{check_mesh, coarse_mesh, open, png, zip};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Mesh, Rgb};
@@ -35,7 +35,7 @@ impl FileFormat for MeshThreeMf {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse(mesh.positions()).into_iter().chain(open(mesh)).collect()
+        coarse_mesh(mesh).into_iter().chain(open(mesh)).collect()
     }
 }
 
@@ -63,7 +63,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces().is_empty()) else {
         return Err(ThreeMfError::Empty.into());
     };
-    check_single("vertex", mesh.positions())?;
+    check_mesh(mesh)?;
     let look = Look::of(mesh);
     let mut model = String::with_capacity(40 * mesh.positions().len() + 80 * mesh.faces().len());
     write_model(&mut model, mesh, &look, low, high).expect("a text takes all that is written");

@@ -49,7 +49,15 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
 
 /// The second line of a PLY file that tells these words.
 pub(crate) fn comment_of_ply(words: &str) -> String {
-    format!("comment {KEY} {words}\n")
+    padded(format!("comment {KEY} {words}")) + "\n"
+}
+
+/// With spaces at the end: another number among the words does not move all that follows, so that a file that is written again is made anew
+/// only where it has changed.
+pub(crate) fn padded(mut text: String) -> String {
+    let spaces = text.len().next_multiple_of(64) - text.len();
+    text.extend(std::iter::repeat_n(' ', spaces));
+    text
 }
 
 /// What stands in `asset.extras` of a GLB file that tells these words.

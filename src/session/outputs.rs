@@ -1,7 +1,8 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
 use std::collections::{BTreeSet, HashMap};
-use std::fs;
+use std::fs::{self, File};
+use std::mem::take;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
@@ -15,13 +16,13 @@ use crate::error::{Problem, Severity, code};
 use crate::eval::{Evaluation, Evaluator, or_panic};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
-use crate::pack::{Content, NewFile};
+use crate::pack::{Content, Kept, NewFile, Pieces};
 use crate::parallel::*;
 use crate::plain;
 use crate::provenance::Signature;
 use crate::stamp::Stamp;
 use crate::value::Hash;
-use crate::writing::{Destination, Refused, Sources, write_at};
+use crate::writing::{Destination, Last, Refused, Rewritten, Sources, Spare, write_at};
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -76,6 +77,19 @@ struct Known {
     files: Vec<(Written, Option<Left>)>,
     /// What they cannot tell of the value, in words.
     doubts: Vec<String>,
+    /// What makes it cheap to write them again.
+    #[serde(skip)]
+    again: Vec<Again>,
+}
+
+/// What is known of a large file while this process may write it again.
+#[derive(Default)]
+struct Again {
+    pieces: Pieces,
+    #[expect(dead_code, reason = "others find it as long as it is there")]
+    kept: Kept,
+    /// The file that it replaced.
+    spare: Option<Spare<Pieces>>,
 }
 
 /// A file as it was when it was last known to be right.
@@ -296,13 +310,22 @@ impl OutputFolder {
             let message = format!("`{}` also writes {name}, another output", output.name);
             return Err(problem(message, "give one of the two outputs another name"));
         }
-        let mut written = Vec::new();
-        for (name, content) in files {
+        // What was kept for the last files is there until those of now are made of it.
+        let mut last = self.take_again(&output.name);
+        let is_again = !last.is_empty();
+        last.resize_with(files.len(), Default::default);
+        let (mut written, mut again) = (Vec::new(), Vec::new());
+        for ((name, content), (last, left)) in files.into_iter().zip(&mut last) {
             let path = path(&name);
+            let known = is_again.then_some(&last.pieces);
+            let there = left.as_ref().filter(|_| !last.pieces.is_empty());
+            let there = there.map(|left| (left.stamp, last.pieces.clone()));
+            let over = Last { there, spare: last.spare.take() };
             // What is made while it is written is still the format's own code.
-            let file =
-                or_panic(|| Ok(self.file(&output.name, path.clone(), &content, destination)));
-            let (file, left) = file.map_err(cannot)?.map_err(|refused| {
+            let file = or_panic(|| {
+                Ok(self.file(&output.name, path.clone(), &content, known, over, destination))
+            });
+            let (file, left, known) = file.map_err(cannot)?.map_err(|refused| {
                 let help = match refused {
                     Refused::System(_) => {
                         "the file that was there before is untouched; --out chooses another folder"
@@ -314,19 +337,26 @@ impl OutputFolder {
             let seconds = start.elapsed().as_secs_f64();
             start = Instant::now();
             written.push((Written { seconds, ..file }, left));
+            again.push(Again { kept: content.into_kept(), ..known });
         }
         let files = written.iter().map(|(file, _)| file.clone()).collect();
         let value = evaluation.value(output.node, output.output);
         let doubts = value.map_or(Vec::new(), |value| output.format.doubts(value));
-        self.lock().insert(output.name.clone(), Known { made_of, files: written, doubts });
+        self.lock().insert(output.name.clone(), Known { made_of, files: written, doubts, again });
         Ok(files)
+    }
+
+    /// What makes it cheap to write the files of an output again, and how each was left; nothing if this process has not written them.
+    fn take_again(&self, output: &str) -> Vec<(Again, Option<Left>)> {
+        let mut known = self.lock();
+        let Some(Known { files, again, .. }) = known.get_mut(output) else { return Vec::new() };
+        take(again).into_iter().zip(files.iter().map(|(_, left)| left.clone())).collect()
     }
 
     /// The files of an output if they were made of this and nobody has changed them since.
     fn still_there(&self, output: &str, made_of: Hash) -> Option<Vec<Written>> {
         let known = self.lock();
-        let Known { files, doubts, .. } = known.get(output).filter(|it| it.made_of == made_of)?;
-        let (mut files, doubts) = (files.clone(), doubts.clone());
+        let mut files = known.get(output).filter(|it| it.made_of == made_of)?.files.clone();
         drop(known);
         let is_as_left = |(file, left): &mut (Written, Option<Left>)| {
             left.as_mut().is_some_and(|left| left.is_there(file))
@@ -337,7 +367,9 @@ impl OutputFolder {
         let unchanged =
             |(file, _): &(Written, _)| Written { unchanged: true, seconds: 0.0, ..file.clone() };
         let unchanged = files.iter().map(unchanged).collect();
-        self.lock().insert(output.to_owned(), Known { made_of, files, doubts });
+        if let Some(known) = self.lock().get_mut(output).filter(|it| it.made_of == made_of) {
+            known.files = files;
+        }
         Some(unchanged)
     }
 
@@ -346,22 +378,27 @@ impl OutputFolder {
         output: &str,
         path: PathBuf,
         content: &Content<'_>,
+        known: Option<&Pieces>,
+        last: Last<Pieces>,
         destination: &Destination<'_>,
-    ) -> Result<(Written, Option<Left>), Refused> {
+    ) -> Result<(Written, Option<Left>, Again), Refused> {
         destination.judge(&path)?;
         let there = content.as_bytes().and_then(|bytes| Some((holds(&path, bytes)?, bytes)));
         let unchanged = there.is_some();
-        let (left, hash) = match there {
-            Some((found, bytes)) => (Some(found), Hash::of(bytes)),
+        let (left, hash, again) = match there {
+            Some((found, bytes)) => (Some(found), Hash::of(bytes), Again::default()),
             None => {
-                let (stamp, hash) = destination.write_by(&path, content.len(), |file| {
-                    content.each(|place, piece| write_at(file, place, piece))
-                })?;
-                (stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() }), hash)
+                let fill = |file: &mut File, there: Option<&Pieces>| {
+                    content.each(known, there, |place, piece| write_at(file, place, piece))
+                };
+                let Rewritten { stamp, told: (hash, pieces), spare } =
+                    destination.write_again(&path, content.len(), last, fill)?;
+                let left = stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() });
+                (left, hash, Again { pieces, spare, ..Again::default() })
             }
         };
-        let output = output.to_owned();
-        Ok((Written { output, path, bytes: content.len(), hash, unchanged, seconds: 0.0 }, left))
+        let (output, bytes) = (output.to_owned(), content.len());
+        Ok((Written { output, path, bytes, hash, unchanged, seconds: 0.0 }, left, again))
     }
 
     fn folder_of(&self, output: &GraphOutput) -> PathBuf {
@@ -414,10 +451,12 @@ mod tests {
         let file = b"ply".to_vec().into();
         let sources = Sources::default();
         let destination = Destination::anywhere(&sources);
-        let (written, left) = outputs.file("a", path.to_owned(), &file, &destination).unwrap();
+        let (written, left, _) =
+            outputs.file("a", path.to_owned(), &file, None, Last::default(), &destination).unwrap();
         let unchanged = written.unchanged;
         let files = vec![(written, left)];
-        let known = Known { made_of: Hash::of(b"value"), files, doubts: Vec::new() };
+        let (made_of, doubts, again) = (Hash::of(b"value"), Vec::new(), Vec::new());
+        let known = Known { made_of, files, doubts, again };
         outputs.lock().insert("a".into(), known);
         unchanged
     }
@@ -451,7 +490,7 @@ mod tests {
         assert!(!is_right());
         fs::write(&path, "ply").unwrap();
         let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
-        fs::File::options().append(true).open(&path).unwrap().set_modified(old).unwrap();
+        File::options().append(true).open(&path).unwrap().set_modified(old).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(150));
         let stamp = Stamp::of(&path);
         let pretend = |known: &mut Known| {

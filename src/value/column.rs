@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::ops::{Deref, Range};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, Weak};
 
 use bytemuck::{NoUninit, Pod};
 
@@ -41,6 +41,18 @@ impl<T: NoUninit + Send + Sync> Column<T> {
             let one = of_one_block(self.len(), self.bytes());
             one.unwrap_or_else(|| self.blocks().whole())
         })
+    }
+
+    /// Hashes what tells the items in these rows, and where they are, from others. It looks at no item if the hash of the column is known.
+    pub(crate) fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
+        if rows.is_empty() {
+            return;
+        }
+        let bytes = rows.start * size_of::<T>()..rows.end * size_of::<T>();
+        match of_one_block(0, self.bytes()) {
+            Some(_) => _ = to.update(&self.hash().0),
+            None => self.blocks().hash_around(bytes, to),
+        }
     }
 
     fn blocks(&self) -> &Blocks {
@@ -87,7 +99,28 @@ impl<T: Pod + Send + Sync> Column<T> {
     }
 }
 
+/// A column that may be gone.
+pub(super) struct WeakColumn<T>(Weak<Shared<T>>);
+
+impl<T> Clone for WeakColumn<T> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl<T> WeakColumn<T> {
+    /// The column, if somebody still has it.
+    pub(super) fn upgrade(&self) -> Option<Column<T>> {
+        self.0.upgrade().map(Column)
+    }
+}
+
 impl<T> Column<T> {
+    /// What does not keep it.
+    pub(super) fn downgrade(&self) -> WeakColumn<T> {
+        WeakColumn(Arc::downgrade(&self.0))
+    }
+
     /// A column of which the hash is known.
     pub(super) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
         Self(Arc::new(Shared { hash: hash.into(), ..Shared::new(items) }))

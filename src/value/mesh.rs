@@ -11,11 +11,14 @@ mod crossings;
 mod describe;
 mod elements;
 mod faces;
+mod known;
 mod nearest;
 mod normals;
 mod parts;
 mod properties;
 mod walls;
+
+use known::Known;
 
 pub use faces::{Edges, Faces};
 pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
@@ -114,6 +117,7 @@ pub struct Mesh {
     creases: Column<Crease>,
     texture: Option<Image>,
     frame: Option<CaptureFrame>,
+    known: Known,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable, bytemuck::Pod)]
@@ -142,6 +146,7 @@ impl Mesh {
             creases: Column::default(),
             texture: None,
             frame: None,
+            known: Known::default(),
         })
     }
 
@@ -156,7 +161,8 @@ impl Mesh {
             return Err(error.into());
         }
         check_positions(&positions)?;
-        let mut moved = Self { positions: positions.into(), ..self.clone() };
+        let known = self.known.elsewhere();
+        let mut moved = Self { positions: positions.into(), known, ..self.clone() };
         moved.vertex.remove("normal");
         moved.corner.remove("normal");
         Ok(moved)
@@ -179,7 +185,9 @@ impl Mesh {
             let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
             return Err(MeshError::NotFinite { vertex });
         }
-        let mut mesh = Self { positions: self.positions.with_rows(rows, places), ..self.clone() };
+        let positions = self.positions.with_rows(rows, places);
+        let known = self.known.moved(rows, &positions);
+        let mut mesh = Self { positions, known, ..self.clone() };
         mesh.vertex.remove("normal");
         mesh.corner.remove("normal");
         Ok(mesh)

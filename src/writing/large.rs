@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io;
 use std::path::Path;
+use std::time::SystemTime;
 
 #[cfg(unix)]
 use crate::plain;
@@ -24,6 +25,12 @@ pub(super) fn make_room(file: &File, len: usize) {
     }
     #[cfg(not(target_os = "linux"))]
     let _ = (file, len);
+}
+
+/// Gives a file of so many bytes, if they are many, a time of change that no later write gives it: the system's clock goes by ticks of some
+/// milliseconds, this one tells nanoseconds. So its stamp proves at once that it is as it was left.
+pub(super) fn mark(file: &File, len: usize) -> io::Result<()> {
+    if LARGE <= len { file.set_modified(SystemTime::now()) } else { Ok(()) }
 }
 
 /// A file that is about to be replaced by a large one. The system gives back what it holds of it when nobody has it open any more.

@@ -1,3 +1,6 @@
+#[cfg(target_os = "linux")]
+use std::os::fd::AsRawFd;
+
 use super::*;
 
 #[test]
@@ -18,22 +21,148 @@ fn a_large_file_is_written_from_many_threads_and_replaces_the_old_one() {
     let path = folder.path().join("large.bin");
     let bytes = Vec::from_iter((0..20_000_000u32).map(|k| (k / 5) as u8));
     for len in [bytes.len(), 17_000_000, 5] {
-        let written = write_by(&path, len, |file| {
+        let written = write_by(&path, len, Last::<()>::default(), |file, _| {
             let (left, right) = bytes[..len].split_at(len / 2);
             std::thread::scope(|scope| {
                 let late = scope.spawn(|| write_at(file, left.len(), right));
                 write_at(file, 0, left).and(late.join().unwrap())
             })
         });
-        let (stamp, ()) = written.unwrap();
+        let stamp = written.unwrap().stamp;
         assert!(stamp.is_some() && stamp == Stamp::of(&path));
         assert!(fs::read(&path).unwrap() == bytes[..len]);
     }
     // What comes to nothing leaves what was there.
-    let full = |_: &mut File| Err::<(), _>(io::ErrorKind::StorageFull.into());
-    assert!(write_by(&path, bytes.len(), full).is_err());
+    let full = |_: &mut File, _: Option<&()>| Err::<(), _>(io::ErrorKind::StorageFull.into());
+    assert!(write_by(&path, bytes.len(), Last::default(), full).is_err());
     assert_eq!(fs::read(&path).unwrap(), bytes[..5]);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+/// A file that is written again and again, full of one byte, and what comes of it.
+#[cfg(target_os = "linux")]
+struct Repeated {
+    folder: tempfile::TempDir,
+    path: PathBuf,
+    last: Last<u8>,
+}
+
+#[cfg(target_os = "linux")]
+impl Repeated {
+    const LEN: usize = 17 << 20;
+
+    /// A file that has been written twice, so that there is a spare one.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("large.bin");
+        let mut repeated = Self { folder, path, last: Last::default() };
+        assert_eq!([repeated.write(1), repeated.write(2)], [None; 2]);
+        repeated
+    }
+
+    /// Gives what was in the file that was written over, if there was one.
+    fn write(&mut self, byte: u8) -> Option<u8> {
+        let fill = |file: &mut File, there: Option<&u8>| {
+            let there = there.copied();
+            if let Some(there) = there {
+                assert!(
+                    fs::read(format!("/proc/self/fd/{}", file.as_raw_fd()))?
+                        .iter()
+                        .all(|it| *it == there)
+                );
+            }
+            write_at(file, 0, &vec![byte; Self::LEN])?;
+            Ok(there)
+        };
+        let last = std::mem::take(&mut self.last);
+        let written = write_by(&self.path, Self::LEN, last, fill).unwrap();
+        assert_eq!(written.stamp, Stamp::of(&self.path));
+        assert!(self.holds(byte));
+        self.last = Last { there: written.stamp.map(|stamp| (stamp, byte)), spare: written.spare };
+        written.told
+    }
+
+    fn holds(&self, byte: u8) -> bool {
+        fs::read(&self.path).unwrap() == vec![byte; Self::LEN]
+    }
+
+    /// The name of the spare file.
+    fn spare(&self) -> PathBuf {
+        let entries = fs::read_dir(self.folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        entries.into_iter().find(|path| is_temporary(path)).unwrap()
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_large_file_is_written_over_the_last_but_one_and_goes_with_its_process() {
+    let mut file = Repeated::new();
+    assert_eq!([3, 4, 5].map(|byte| file.write(byte)), [Some(1), Some(2), Some(3)]);
+    assert!(!is_abandoned(&file.spare()), "it is ours");
+    sweep(file.folder.path());
+    assert_eq!(file.write(6), Some(4));
+    let spare = file.spare();
+    file.last = Last::default();
+    assert!(!spare.exists());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_somebody_else_can_see_is_not_written_over() {
+    // Open when it is replaced, to be read or to be mapped.
+    let mut file = Repeated::new();
+    let open = File::open(file.spare()).unwrap();
+    assert_eq!(file.write(3), None);
+    let mut seen = Vec::new();
+    io::Read::read_to_end(&mut &open, &mut seen).unwrap();
+    assert!(seen == vec![1; Repeated::LEN], "a reader sees what it has opened");
+    drop(open);
+    // Under another name, from before it was replaced or after.
+    let mut file = Repeated::new();
+    let copy = file.folder.path().join("copy.bin");
+    fs::hard_link(file.spare(), &copy).unwrap();
+    assert_eq!(file.write(3), None);
+    assert!(fs::read(&copy).unwrap() == vec![1; Repeated::LEN]);
+    fs::remove_file(&copy).unwrap();
+    fs::hard_link(&file.path, &copy).unwrap();
+    assert_eq!([file.write(4), file.write(5)], [Some(2), None]);
+    assert!(fs::read(&copy).unwrap() == vec![3; Repeated::LEN]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_somebody_else_has_changed_is_not_believed() {
+    // At once, in its place.
+    let mut file = Repeated::new();
+    write_at(&File::options().write(true).open(&file.path).unwrap(), 5, b"x").unwrap();
+    assert_eq!(file.write(3), Some(1));
+    assert_eq!([file.write(4), file.write(5)], [None, Some(3)]);
+    // After it was replaced.
+    let mut file = Repeated::new();
+    write_at(&File::options().write(true).open(file.spare()).unwrap(), 5, b"x").unwrap();
+    assert_eq!(file.write(3), None);
+    // Another file, a link, nothing, or no folder in its place.
+    let mut file = Repeated::new();
+    fs::remove_file(&file.path).unwrap();
+    assert_eq!(file.write(3), Some(1));
+    fs::write(&file.path, "mine").unwrap();
+    assert_eq!([file.write(4), file.write(5)], [None; 2]);
+    fs::remove_dir_all(file.folder.path()).unwrap();
+    assert_eq!([file.write(6), file.write(7), file.write(8)], [None, None, Some(6)]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_be_written_over_a_spare_file_leaves_what_was_there() {
+    let mut file = Repeated::new();
+    let last = std::mem::take(&mut file.last);
+    let full = |half: &mut File, _: Option<&u8>| {
+        write_at(half, 0, b"half")?;
+        Err::<(), _>(io::ErrorKind::StorageFull.into())
+    };
+    assert!(write_by(&file.path, Repeated::LEN, last, full).is_err());
+    assert!(file.holds(2));
+    assert_eq!(fs::read_dir(file.folder.path()).unwrap().count(), 1);
 }
 
 #[test]

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use maquette::value::{Image, Mesh, RangeImage};
 use maquette::{
-    AnyValue, Graph, Options, OutputFolder, Run, RunTrace, Session, Settings, State, Wanted, code,
+    AnyValue, CancelToken, Graph, Options, OutputFolder, Run, RunTrace, Session, Settings, State,
+    Wanted, code,
 };
 use maquette_nodes::PACKS;
 
@@ -179,4 +180,35 @@ fn a_stranger_s_format_becomes_an_input_and_can_be_compared() {
     std::fs::write(&colors, "GIMP Palette\n0 0\n").unwrap();
     let problems = session.read_inputs(&graph, &[("colors".into(), colors)]).unwrap_err();
     assert!(problems[0].message.ends_with("line 2: a color is three numbers from 0 to 255"));
+}
+
+#[test]
+fn a_large_file_that_is_written_again_and_again_is_what_a_new_session_writes() {
+    let path = graphs().join("doll.ron");
+    let folder = tempfile::tempdir().unwrap();
+    let write = |session: &mut Session, into: &OutputFolder, growth: f64, levels: &str| {
+        let set = [("growth", format!("{growth}")), ("levels", levels.to_owned())];
+        let set = set.map(|(name, value)| (name.to_owned(), value)).into();
+        let graph = loaded(session, &path, &Options { set, ..Options::default() });
+        let wanted = ["model.glb", "model.ply"].map(str::to_owned);
+        let made = session.produce(&graph, &wanted, into, &(), &CancelToken::default()).unwrap();
+        assert!(made.complete, "{:?}", made.problems);
+        made.written
+    };
+    let mut long = session();
+    let into = OutputFolder::new(Some(folder.path()), &path);
+    for (growth, levels) in
+        [(12.0, "3"), (13.0, "3"), (12.5, "3"), (12.5, "1"), (13.0, "3"), (40.0, "3"), (12.5, "3")]
+    {
+        let written = write(&mut long, &into, growth, levels);
+        let fresh = tempfile::tempdir().unwrap();
+        let alone = OutputFolder::new(Some(fresh.path()), &path);
+        for (file, expected) in written.iter().zip(write(&mut session(), &alone, growth, levels)) {
+            let [bytes, expected_bytes] =
+                [file, &expected].map(|it| std::fs::read(&it.path).unwrap());
+            assert!(levels == "1" || 16 << 20 <= bytes.len(), "large enough to be in pieces");
+            assert!(bytes == expected_bytes, "{growth} {levels}: {}", file.output);
+            assert_eq!(file.hash, expected.hash, "{growth} {levels}: {}", file.output);
+        }
+    }
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::error::Error;
 use crate::format::corners::split;
 use crate::format::upright::upright;
-use crate::format::{check_single, coarse, png};
+use crate::format::{check_mesh, coarse_mesh, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
 use crate::parallel::*;
@@ -23,7 +23,7 @@ impl FileFormat for MeshObj {
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
-        check_single("vertex", mesh.positions())?;
+        check_mesh(mesh)?;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let Some(texture) = mesh.texture() else {
             return Ok(NewFile::only(name, encode(mesh, String::new())));
@@ -40,7 +40,7 @@ impl FileFormat for MeshObj {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse(mesh.positions()).into_iter().collect()
+        coarse_mesh(mesh).into_iter().collect()
     }
 }
 

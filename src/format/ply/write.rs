@@ -1,19 +1,20 @@
 //! Writes PLY files: binary little endian, `float` positions.
 
-use std::borrow::Cow;
+use std::ops::Range;
 
+use blake3::Hasher;
 use bytemuck::NoUninit;
+use nalgebra::Point3;
 
 use super::header::Kind;
 use crate::error::Error;
-use crate::format::rows::{Table, fill_column, floats, in_pieces, indices};
+use crate::format::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::format::upright::{upright_points, upright_sign};
-use crate::format::{TooFar, check_single, coarse, finite};
+use crate::format::{TooFar, check_mesh, coarse_mesh, finite};
 use crate::pack::{Content, FileFormat, NewFile};
-use crate::parallel::*;
 use crate::provenance::{Signature, comment_of_ply};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
+use crate::value::{Attribute, Column, ControlNet, Faces, Mesh};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;
@@ -35,7 +36,7 @@ impl FileFormat for MeshPly {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse(mesh.positions()).into_iter().collect()
+        coarse_mesh(mesh).into_iter().collect()
     }
 }
 
@@ -69,36 +70,46 @@ struct TableColumn<'a> {
     properties: String,
     size: usize,
     fill: Fill<'a>,
+    hash: HashRows<'a>,
 }
 
 /// Fills a column in at an offset of each row: given rows, the number of the first one, their length, the offset.
-type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Sync + 'a>;
+type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Send + Sync + 'a>;
+
+/// Hashes what tells some rows of a column from others.
+type HashRows<'a> = Box<dyn Fn(Range<usize>, &mut Hasher) + Send + Sync + 'a>;
 
 impl<'a> TableColumn<'a> {
-    fn new<T: Clone + Send + Sync + 'a, B: NoUninit>(
+    /// Properties of these names, of which the header tells the kind, and `sign` what else there is to tell.
+    fn new<T: NoUninit + Send + Sync, B: NoUninit>(
         kind: &str,
         names: &[&str],
-        items: impl Into<Cow<'a, [T]>>,
-        entry: impl Fn(&T) -> B + Sync + 'a,
-    ) -> Self
-    where
-        [T]: ToOwned<Owned = Vec<T>>,
-    {
-        let items = items.into();
+        sign: f64,
+        items: &Column<T>,
+        entry: impl Fn(&T) -> B + Send + Sync + 'a,
+    ) -> Self {
+        let properties: String =
+            names.iter().map(|name| format!("property {kind} {name}\n")).collect();
+        let told = format!("{properties}{sign}");
+        let (items, same) = (items.clone(), items.clone());
         Self {
             comment: String::new(),
-            properties: names.iter().map(|name| format!("property {kind} {name}\n")).collect(),
+            properties,
             size: size_of::<B>(),
             fill: Box::new(move |rows, first, stride, offset| {
                 fill_column(rows, stride, offset, &items[first..], &entry);
+            }),
+            hash: Box::new(move |rows, to| {
+                to.update(told.as_bytes());
+                same.hash_rows(rows, to);
             }),
         }
     }
 
     /// Vectors, y and z with this sign.
-    fn vectors(names: &[&str], vectors: impl Into<Cow<'a, [[f64; 3]]>>, sign: f64) -> Self {
+    fn vectors(names: &[&str], vectors: &Column<[f64; 3]>, sign: f64) -> Self {
         let entry = move |&[x, y, z]: &[f64; 3]| floats([x, sign * y, sign * z]);
-        Self::new("float", names, vectors, entry)
+        Self::new("float", names, sign, vectors, entry)
     }
 
     /// An attribute under its own name, of vertices or, with `of` as ` face`, of faces. A comment says what its properties are together,
@@ -127,15 +138,15 @@ impl<'a> TableColumn<'a> {
     fn numbers(names: &[&str], attribute: &'a Attribute, sign: f64) -> Self {
         match attribute {
             Attribute::Number(numbers) => {
-                Self::new("float", names, &numbers[..], |&number| floats([number]))
+                Self::new("float", names, 1.0, numbers, |&number| floats([number]))
             }
             Attribute::Index(numbers) => {
-                Self::new("uint", names, &numbers[..], |&number| indices([number]))
+                Self::new("uint", names, 1.0, numbers, |&number| indices([number]))
             }
-            Attribute::Flag(flags) => Self::new("uchar", names, &flags[..], |&flag| [flag]),
-            Attribute::Pair(pairs) => Self::new("float", names, &pairs[..], |&pair| floats(pair)),
-            Attribute::Vector(vectors) => Self::vectors(names, &vectors[..], sign),
-            Attribute::Color(colors) => Self::new("uchar", names, &colors[..], |&color| color),
+            Attribute::Flag(flags) => Self::new("uchar", names, 1.0, flags, |&flag| [flag]),
+            Attribute::Pair(pairs) => Self::new("float", names, 1.0, pairs, |&pair| floats(pair)),
+            Attribute::Vector(vectors) => Self::vectors(names, vectors, sign),
+            Attribute::Color(colors) => Self::new("uchar", names, 1.0, colors, |&color| color),
         }
     }
 }
@@ -152,24 +163,29 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
 
 /// The same in pieces, with lines behind the first one, y and z of all vectors with this sign.
 fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, TooFar> {
-    check_single("vertex", mesh.positions())?;
+    check_mesh(mesh)?;
     let vertex = mesh.vertex();
-    let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
-    let normals = if has_normals { mesh.normals() } else { Cow::default() };
-    let mut parts =
-        vec![TableColumn::new("float", &["x", "y", "z"], &mesh.positions()[..], move |point| {
-            floats([point.x, sign * point.y, sign * point.z])
-        })];
-    if has_normals {
-        parts.push(TableColumn::vectors(&["nx", "ny", "nz"], normals, sign));
-    }
+    let at = move |point: &Point3<f64>| floats([point.x, sign * point.y, sign * point.z]);
+    let mut parts = vec![TableColumn::new("float", &["x", "y", "z"], sign, mesh.positions(), at)];
+    const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+    let given = vertex.vectors("normal");
+    let normals = (given.is_none() && !mesh.faces().is_empty()).then(|| mesh.single_normals());
+    parts.extend(given.map(|given| TableColumn::vectors(&NORMALS, given, sign)));
+    parts.extend(normals.as_ref().map(|normals| {
+        let entry = move |&[x, y, z]: &[f32; 3]| {
+            [x, sign as f32 * y, sign as f32 * z].map(f32::to_le_bytes)
+        };
+        TableColumn::new("float", &NORMALS, sign, normals, entry)
+    }));
     if let Some(uv) = vertex.pairs("uv") {
-        parts.push(TableColumn::new("float", &["s", "t"], &uv[..], |&uv| floats(uv)));
+        parts.push(TableColumn::new("float", &["s", "t"], 1.0, uv, |&uv| floats(uv)));
     }
-    let colors = vertex.colors("color").map(|colors| Cow::Borrowed(&colors[..]));
-    if let Some(colors) = colors.or_else(|| Some(sample_texture(mesh)?.into())) {
-        parts.push(TableColumn::new("uchar", &["red", "green", "blue"], colors, |&color| color));
-    }
+    // Those of the texture are there so that the mesh is colored in every viewer.
+    let given = vertex.colors("color");
+    let seen = given.is_none().then(|| mesh.texture_colors()).flatten();
+    parts.extend(given.or(seen.as_ref()).map(|colors| {
+        TableColumn::new("uchar", &["red", "green", "blue"], 1.0, colors, |&color| color)
+    }));
     for (name, attribute) in vertex.iter() {
         let written = match name {
             "normal" => vertex.vectors(name).is_some(),
@@ -184,7 +200,7 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
     let faces = FaceRows::new(mesh, corner_uv, sign);
 
-    let comments = parts.iter().chain(&faces.parts).map(|part| &*part.comment);
+    let comments = parts.iter().chain(&faces.parts.0).map(|part| &*part.comment);
     let comments = String::from_iter(comments);
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
@@ -193,56 +209,45 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
-    let stride = parts.iter().map(|part| part.size).sum();
-    let vertices = Table::new(n_vertices, stride, move |rows, first, stride| {
-        fill_parts(&parts, rows, first, stride, 0);
-    });
-    Ok(in_pieces(vec![Table::of_bytes(header.into_bytes()), vertices, faces.into_table()]))
+    let parts = Side(parts);
+    let vertices = Table::new(n_vertices, parts.size(), parts);
+    let tables = vec![Table::of_bytes(header.into_bytes()), vertices, faces.into_table()];
+    Ok(in_pieces(tables).keeping((normals, seen)))
 }
 
-/// Fills in columns side by side from an offset of each row on, the first of which has this number.
-fn fill_parts(
-    parts: &[TableColumn<'_>],
-    rows: &mut [u8],
-    first: usize,
-    stride: usize,
-    mut offset: usize,
-) {
-    for part in parts {
-        (part.fill)(rows, first, stride, offset);
-        offset += part.size;
+/// Columns side by side.
+struct Side<'a>(Vec<TableColumn<'a>>);
+
+impl Rows for Side<'_> {
+    fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
+        self.fill_from(0, rows, first, stride);
+    }
+
+    fn hash(&self, rows: Range<usize>, to: &mut Hasher) {
+        self.0.iter().for_each(|part| (part.hash)(rows.clone(), to));
     }
 }
 
-/// The texture's color at each vertex, if the mesh has a texture and no colors: so that it is colored in every viewer. A vertex
-/// on a seam takes the color of one side.
-fn sample_texture(mesh: &Mesh) -> Option<Vec<Rgb>> {
-    let texture = mesh.texture().filter(|texture| !texture.pixels().is_empty())?;
-    if mesh.vertex().colors("color").is_some() {
-        return None;
-    }
-    let seams;
-    let uv: &[[f64; 2]] = match mesh.vertex().pairs("uv") {
-        Some(uv) => uv,
-        None => {
-            let corners = mesh.corner().pairs("uv")?;
-            let mut first = vec![[0.0; 2]; mesh.positions().len()];
-            for (&vertex, &uv) in mesh.faces().corners().iter().zip(&**corners) {
-                first[vertex as usize] = uv;
-            }
-            seams = first;
-            &seams
+impl Side<'_> {
+    /// Fills in the columns from an offset of each row on, the first of which has this number.
+    fn fill_from(&self, mut offset: usize, rows: &mut [u8], first: usize, stride: usize) {
+        for part in &self.0 {
+            (part.fill)(rows, first, stride, offset);
+            offset += part.size;
         }
-    };
-    let sample = |&uv: &[f64; 2]| texture.sample(uv).map(|channel| channel.round() as u8);
-    Some(uv.par_iter().with_min_len(4096).map(sample).collect())
+    }
+
+    /// Bytes of a row.
+    fn size(&self) -> usize {
+        self.0.iter().map(|part| part.size).sum()
+    }
 }
 
 /// The table of faces: for each its corners, their texture coordinates if vertices have none, and its attributes.
 struct FaceRows<'a> {
     faces: &'a Faces,
-    uv: Option<&'a [[f64; 2]]>,
-    parts: Vec<TableColumn<'a>>,
+    uv: Option<&'a Column<[f64; 2]>>,
+    parts: Side<'a>,
     /// Whether lists are too long for a length of one byte.
     long: bool,
 }
@@ -257,14 +262,14 @@ impl<'a> FaceRows<'a> {
             },
             _ => TableColumn::attribute(name, attribute, " face", sign),
         };
-        let parts = mesh.face().iter().map(part).collect();
+        let parts = Side(mesh.face().iter().map(part).collect());
         let entries = if uv.is_some() { 2 } else { 1 };
         let longest = match faces.sides() {
             Some(sides) => sides,
             None => faces.iter().map(<[u32]>::len).max().unwrap_or(0),
         };
         let long = entries * longest > usize::from(u8::MAX);
-        Self { faces, uv: uv.map(|uv| &**uv), parts, long }
+        Self { faces, uv, parts, long }
     }
 
     fn properties(&self) -> String {
@@ -273,39 +278,26 @@ impl<'a> FaceRows<'a> {
         if self.uv.is_some() {
             text += &format!("property list {length} float texcoord\n");
         }
-        self.parts.iter().for_each(|part| text += &part.properties);
+        self.parts.0.iter().for_each(|part| text += &part.properties);
         text
     }
 
     /// All rows: in memory if they are not of one length.
     fn into_table(self) -> Table<'a> {
-        let attributes = self.parts.iter().map(|part| part.size).sum();
-        let Some(sides) = self.faces.sides() else {
-            return Table::of_bytes(self.mixed(attributes));
-        };
-        let lists = self.size_of_lists(sides);
-        Table::new(self.faces.len(), lists + attributes, move |rows, first, stride| {
-            match (self.faces.as_triangles(), self.uv) {
-                (Some(triangles), None) => {
-                    for (row, &triangle) in rows.chunks_exact_mut(stride).zip(&triangles[first..]) {
-                        row[0] = 3;
-                        row[1..13].copy_from_slice(indices(triangle).as_flattened());
-                    }
-                }
-                _ => {
-                    let rows = rows.chunks_exact_mut(stride).enumerate();
-                    rows.for_each(|(k, row)| self.put_lists(first + k, &mut row[..lists]));
-                }
+        match self.faces.sides() {
+            Some(sides) => {
+                let stride = self.size_of_lists(sides) + self.parts.size();
+                Table::new(self.faces.len(), stride, self)
             }
-            fill_parts(&self.parts, rows, first, stride, lists);
-        })
+            None => Table::of_bytes(self.mixed(self.parts.size())),
+        }
     }
 
     /// All rows of faces with different numbers of corners, each with so many bytes of attributes.
     fn mixed(&self, attributes: usize) -> Vec<u8> {
         let mut table = vec![0; attributes * self.faces.len()];
         if 0 < attributes {
-            fill_parts(&self.parts, &mut table, 0, attributes, 0);
+            self.parts.fill(&mut table, 0, attributes);
         }
         let size_of = |face: &[u32]| self.size_of_lists(face.len()) + attributes;
         let mut bytes = vec![0; self.faces.iter().map(size_of).sum()];
@@ -344,6 +336,34 @@ impl<'a> FaceRows<'a> {
             let uv = &uv[self.faces.first_corner(index)..][..face.len()];
             uv.iter().for_each(|&uv| put(floats(uv).as_flattened()));
         }
+    }
+}
+
+/// Rows of faces with equally many corners.
+impl Rows for FaceRows<'_> {
+    fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
+        let lists = stride - self.parts.size();
+        match (self.faces.as_triangles(), self.uv) {
+            (Some(triangles), None) => {
+                for (row, &triangle) in rows.chunks_exact_mut(stride).zip(&triangles[first..]) {
+                    row[0] = 3;
+                    row[1..13].copy_from_slice(indices(triangle).as_flattened());
+                }
+            }
+            _ => {
+                let rows = rows.chunks_exact_mut(stride).enumerate();
+                rows.for_each(|(k, row)| self.put_lists(first + k, &mut row[..lists]));
+            }
+        }
+        self.parts.fill_from(lists, rows, first, stride);
+    }
+
+    fn hash(&self, rows: Range<usize>, to: &mut Hasher) {
+        to.update(self.properties().as_bytes());
+        let corners = self.faces.first_corner(rows.start)..self.faces.first_corner(rows.end);
+        self.faces.corners().hash_rows(corners.clone(), to);
+        self.uv.iter().for_each(|uv| uv.hash_rows(corners.clone(), to));
+        self.parts.hash(rows, to);
     }
 }
 

@@ -71,6 +71,11 @@ impl Blocks {
         Self(blocks)
     }
 
+    /// Hashes the hashes of the blocks in which some bytes lie; there is at least one byte.
+    pub(super) fn hash_around(&self, bytes: Range<usize>, to: &mut Hasher) {
+        to.update(self.0[around(bytes)].as_flattened());
+    }
+
     /// The hash of the whole.
     pub(super) fn whole(&self) -> Hash {
         let (left, right) = halves(&self.0);

@@ -5,7 +5,7 @@ use super::super::{
     Property, Summary, Value,
 };
 use super::properties::PROPERTIES;
-use super::{Faces, Mesh, describe_bounds, parts};
+use super::{Faces, Known, Mesh, describe_bounds, parts};
 
 impl Value for Mesh {
     const NAME: &'static str = "Mesh";
@@ -37,6 +37,7 @@ impl Value for Mesh {
             creases: from.column()?,
             texture: from.option(Decoder::value)?,
             frame: from.option(CaptureFrame::decode)?,
+            known: Known::default(),
         })
     }
 

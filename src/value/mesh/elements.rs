@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use nalgebra::Point3;
 
-use super::{Crease, Faces, Mesh};
+use super::{Crease, Faces, Known, Mesh};
 use crate::value::{AnyValue, Curve, Elements, NoElements, value_type};
 
 /// `Parts("mesh")` and `Holes("mesh")`.
@@ -105,6 +105,7 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]
         creases: creases.into(),
         texture: mesh.texture.clone(),
         frame: mesh.frame,
+        known: Known::default(),
     }
 }
 

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
+use super::known::Spread;
 use super::{BLOCK, MeshError, check_count};
 use crate::parallel::*;
 use crate::value::{Column, DecodeError, Decoder, Encoder};
@@ -17,6 +18,8 @@ pub struct Faces {
     /// How many vertices there must be for these faces to be sound, found when first asked for and shared by copies; none if a
     /// face meets a vertex twice.
     needed: Arc<OnceLock<Option<u32>>>,
+    /// Where they are, found when first asked for and shared by copies.
+    spread: Arc<OnceLock<Spread>>,
 }
 
 impl PartialEq for Faces {
@@ -80,7 +83,15 @@ impl Faces {
     }
 
     fn new(corners: Column<u32>, shape: Shape) -> Self {
-        Self { corners, shape, needed: Arc::default() }
+        Self { corners, shape, needed: Arc::default(), spread: Arc::default() }
+    }
+
+    pub(super) fn spread(&self) -> &Spread {
+        self.spread.get().unwrap_or_else(|| {
+            // Made outside of the lock: its threads may take on other work meanwhile that asks for the same.
+            let spread = Spread::new(self);
+            self.spread.get_or_init(|| spread)
+        })
     }
 
     /// Finds the first face that names no vertex, or one twice. Looks at the faces only once, however many meshes share them.

@@ -37,7 +37,7 @@ impl Mesh {
                 None => self.faces.iter().for_each(|face| self.add_area(face, first, normals)),
             }
             for normal in normals {
-                *normal = normal.try_normalize(0.0).unwrap_or_default();
+                *normal = unit(*normal);
             }
         });
         normals
@@ -62,4 +62,9 @@ impl Mesh {
         let spoke = |k: usize| self.positions[face[k] as usize] - origin;
         (1..face.len() - 1).map(|k| spoke(k).cross(&spoke(k + 1))).sum::<Vector3<f64>>() / 2.0
     }
+}
+
+/// The direction of a sum of areas; zero if there is none.
+pub(super) fn unit(sum: Vector3<f64>) -> Vector3<f64> {
+    sum.try_normalize(0.0).unwrap_or_default()
 }

@@ -1,0 +1,275 @@
+//! What is known of a mesh beside its value, so that a file of it that is written again and again costs what has changed: what takes much
+//! memory only as long as somebody keeps it.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+use nalgebra::{Point3, Vector3};
+
+use crate::parallel::*;
+use crate::value::column::WeakColumn;
+use crate::value::{Column, Encoder, Hash, Rgb};
+
+use super::{BLOCK, Mesh, bounds};
+
+mod after;
+mod spread;
+
+pub(super) use spread::Spread;
+
+/// No part of the value, and shared by its copies.
+#[derive(Clone, Default)]
+pub(super) struct Known {
+    of_places: Arc<OfPlaces>,
+    colors: Arc<Mutex<Option<Colors>>>,
+}
+
+/// The colors that the picture has at the vertices, and the hash of what they were made of.
+#[derive(Clone)]
+struct Colors(Hash, WeakColumn<Rgb>);
+
+/// What belongs to the places of the vertices.
+#[derive(Default)]
+struct OfPlaces {
+    normals: Mutex<Option<WeakColumn<[f32; 3]>>>,
+    before: Option<Before>,
+    boxes: OnceLock<Vec<Bounds>>,
+}
+
+/// The normals of a mesh with the same faces, and the rows of vertices that have moved since.
+struct Before {
+    normals: WeakColumn<[f32; 3]>,
+    moved: Vec<Range<u32>>,
+}
+
+/// The lowest and the highest coordinates of some points.
+type Bounds = (Point3<f64>, Point3<f64>);
+
+impl Known {
+    /// What is known when all vertices have moved.
+    pub(super) fn elsewhere(&self) -> Self {
+        Self { of_places: Arc::default(), colors: self.colors.clone() }
+    }
+
+    /// What is known when some rows of vertices have moved to these places, which are those of all.
+    pub(super) fn moved(&self, rows: &[Range<u32>], places: &[Point3<f64>]) -> Self {
+        let of_places = OfPlaces {
+            normals: Mutex::default(),
+            before: self.of_places.before(rows),
+            boxes: OnceLock::new(),
+        };
+        if let Some(boxes) = self.of_places.boxes.get() {
+            let mut boxes = boxes.clone();
+            let touched = rows.iter().filter(|row| !row.is_empty());
+            let touched =
+                touched.flat_map(|row| row.start as usize / BLOCK..=(row.end as usize - 1) / BLOCK);
+            let mut last = None;
+            for block in touched.filter(|block| last.replace(*block) != Some(*block)) {
+                boxes[block] = box_of(places, block);
+            }
+            // Nobody else knows it yet.
+            let _ = of_places.boxes.set(boxes);
+        }
+        Self { of_places: of_places.into(), colors: self.colors.clone() }
+    }
+
+    fn normals(&self) -> Option<Column<[f32; 3]>> {
+        lock(&self.of_places.normals).as_ref()?.upgrade()
+    }
+}
+
+impl OfPlaces {
+    /// What the normals can be made of when these rows have moved.
+    fn before(&self, rows: &[Range<u32>]) -> Option<Before> {
+        let known = lock(&self.normals).as_ref().and_then(WeakColumn::upgrade);
+        let (normals, moved) = match (known, &self.before) {
+            (Some(normals), _) => (normals, rows.to_vec()),
+            (None, before) => {
+                let before = before.as_ref()?;
+                (before.normals.upgrade()?, [&before.moved, rows].concat())
+            }
+        };
+        // To follow more than all of them costs more than to make them anew.
+        let count: usize = moved.iter().map(ExactSizeIterator::len).sum();
+        (count < normals.len()).then(|| Before { normals: normals.downgrade(), moved })
+    }
+}
+
+impl PartialEq for Known {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl fmt::Debug for Known {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("..")
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Mesh {
+    /// [`vertex_normals`](Self::vertex_normals) in single precision. They are known as long as somebody keeps them.
+    pub(crate) fn single_normals(&self) -> Column<[f32; 3]> {
+        if let Some(known) = self.known.normals() {
+            return known;
+        }
+        let before = self.known.of_places.before.as_ref();
+        let before = before.and_then(|before| Some((before.normals.upgrade()?, &before.moved)));
+        // Two that ask at once make them twice.
+        let normals = match before {
+            Some((normals, moved)) => self.normals_after(&normals, moved),
+            None => single(&self.vertex_normals()).into(),
+        };
+        *lock(&self.known.of_places.normals) = Some(normals.downgrade());
+        normals
+    }
+
+    /// The colors of the picture at the vertices, if there is one and it is known where on it they are. A vertex on a seam takes the color of
+    /// one side. They are known as long as somebody keeps them.
+    pub(crate) fn texture_colors(&self) -> Option<Column<Rgb>> {
+        let texture = self.texture.as_ref().filter(|texture| !texture.pixels().is_empty())?;
+        let (vertex, corner) = (self.vertex.pairs("uv"), self.corner.pairs("uv"));
+        let uv = vertex.or(corner)?;
+        let made_of = Encoder::hash("texture colors", |to| {
+            to.value(texture).column(uv).plain(&u8::from(vertex.is_some()));
+            if vertex.is_none() {
+                self.faces.encode(to);
+            }
+        });
+        let known = lock(&self.known.colors).clone();
+        let known = known.filter(|Colors(of, _)| *of == made_of);
+        if let Some(colors) = known.and_then(|Colors(_, colors)| colors.upgrade()) {
+            return Some(colors);
+        }
+        let of_corners;
+        let uv: &[[f64; 2]] = match vertex {
+            Some(uv) => uv,
+            None => {
+                let mut last = vec![[0.0; 2]; self.positions.len()];
+                for (&vertex, &uv) in self.faces.corners().iter().zip(&uv[..]) {
+                    last[vertex as usize] = uv;
+                }
+                of_corners = last;
+                &of_corners
+            }
+        };
+        let sample = |&uv: &[f64; 2]| texture.sample(uv).map(|channel| channel.round() as u8);
+        let colors = uv.par_iter().with_min_len(BLOCK).map(sample).collect::<Vec<_>>();
+        let colors = Column::from(colors);
+        *lock(&self.known.colors) = Some(Colors(made_of, colors.downgrade()));
+        Some(colors)
+    }
+
+    /// The lowest and the highest coordinates; none without vertices. It costs what has moved since they were known.
+    pub(crate) fn known_bounds(&self) -> Option<Bounds> {
+        let known = &self.known.of_places.boxes;
+        let boxes = known.get().unwrap_or_else(|| {
+            let blocks = (0..self.positions.len().div_ceil(BLOCK)).into_par_iter();
+            // Made outside of the lock: its threads may take on other work meanwhile that asks for the same.
+            let boxes = blocks.map(|block| box_of(&self.positions, block)).collect();
+            known.get_or_init(|| boxes)
+        });
+        let (first, others) = boxes.split_first()?;
+        let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
+        Some(others.iter().fold(*first, both))
+    }
+}
+
+/// The box around the points of a block, of which there is at least one.
+fn box_of(places: &[Point3<f64>], block: usize) -> Bounds {
+    let places = &places[block * BLOCK..places.len().min((block + 1) * BLOCK)];
+    bounds(places.iter()).unwrap_or_default()
+}
+
+fn single(normals: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+    let normals = normals.par_iter().with_min_len(BLOCK);
+    normals.map(|normal| normal.cast().into()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::random::Random;
+    use crate::value::Faces;
+
+    /// A bumpy sheet of triangles or quads.
+    fn sheet(width: u32, quads: bool) -> Mesh {
+        let place =
+            |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
+        let corner = |k: u32| (k / (width - 1)) * width + k % (width - 1);
+        let cells = (0..(width - 1) * (width - 1)).map(corner);
+        let faces = match quads {
+            true => Faces::uniform(
+                4,
+                cells.flat_map(|a| [a, a + 1, a + width + 1, a + width]).collect::<Vec<_>>(),
+            )
+            .unwrap(),
+            false => {
+                let split = |a| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]];
+                Faces::triangles(cells.flat_map(split).collect())
+            }
+        };
+        Mesh::new(Vec::from_iter((0..width * width).map(place)), faces).unwrap()
+    }
+
+    fn anew(mesh: &Mesh) -> Vec<[f32; 3]> {
+        single(&mesh.vertex_normals())
+    }
+
+    #[test]
+    fn normals_after_moves_are_those_made_anew() {
+        let mut dice = Random(3);
+        for (width, quads) in [(2, true), (2, false), (70, true), (150, false)] {
+            let mut mesh = sheet(width, quads);
+            let mut kept = mesh.single_normals();
+            for round in 0..20 {
+                // Two moves in a row now and then, of which nobody has seen the first.
+                for _ in 0..1 + round % 2 {
+                    let count = mesh.positions().len();
+                    let starts = [dice.below(count), dice.below(count)];
+                    let rows =
+                        starts.map(|start| start as u32..(start + dice.below(9)).min(count) as u32);
+                    let rows = rows.map(|row| row.start..row.end.max(row.start));
+                    let places = Vec::from_iter(rows.iter().cloned().flatten().map(|vertex| {
+                        mesh.positions()[vertex as usize] + Vector3::new(0.0, 0.1, dice.even())
+                    }));
+                    mesh = mesh.with_moved(&rows, &places).unwrap();
+                }
+                assert!(
+                    mesh.known.of_places.before.is_some() || width == 2,
+                    "there is something to begin with"
+                );
+                kept = mesh.single_normals();
+                assert_eq!(kept[..], anew(&mesh), "{width} {round}");
+                assert_eq!(kept.hash(), Column::from(anew(&mesh)).hash());
+            }
+            drop(kept);
+            assert!(mesh.known.normals().is_none(), "nobody keeps them");
+            assert_eq!(mesh.single_normals()[..], anew(&mesh));
+        }
+    }
+
+    #[test]
+    fn other_places_and_long_ways_begin_anew() {
+        let mesh = sheet(9, false);
+        let kept = mesh.single_normals();
+        let lifted = Vec::from_iter(mesh.positions().iter().map(|place| place.map(|x| x * x)));
+        let lifted = mesh.with_positions(lifted).unwrap();
+        assert_eq!(lifted.single_normals()[..], anew(&lifted));
+        let mut moved = mesh.clone();
+        for _ in 0..90 {
+            let place = moved.positions()[5] + Vector3::z();
+            moved = moved.with_moved(std::slice::from_ref(&(5..6)), &[place]).unwrap();
+        }
+        assert!(moved.known.of_places.before.is_none());
+        assert_eq!(moved.single_normals()[..], anew(&moved));
+        assert_eq!(kept[..], anew(&mesh));
+    }
+}
