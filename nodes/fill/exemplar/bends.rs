@@ -11,7 +11,7 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;
-use super::surface::Surface;
+use super::surface::{NONE, Surface};
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// How strongly vertices stay where they are, over the squared length of the data's edges: with 1, to move by an edge counts as much as an
@@ -115,8 +115,7 @@ pub(super) fn hinges(surface: &Surface<'_>) -> impl Iterator<Item = [u32; 4]> {
     let hinge = |face: u32, k: usize| {
         let other = surface.beside(face, k);
         let [a, b, c] = [0, 1, 2].map(|j| surface.faces[face as usize][(k + j) % 3]);
-        let across = surface.faces.get(other as usize)?.iter().find(|&&d| d != a && d != b)?;
-        (face < other).then_some([a, b, c, *across])
+        (face < other.face && other.face != NONE).then_some([a, b, c, other.across])
     };
     (0..surface.faces.len() as u32).flat_map(move |face| (0..3).filter_map(move |k| hinge(face, k)))
 }

@@ -1,7 +1,9 @@
 //! How similar a patch is to an exemplar.
 
+use maquette::simd::{Kernel, widest};
+
 use super::frame::Turn;
-use super::heights::Sample;
+use super::heights::{LANES, Sample, View};
 
 /// A plane under a patch, in the patch's frame: a height at the middle, and what is added per radius along `x` and `y`.
 pub(super) type Plane = [f64; 3];
@@ -46,20 +48,36 @@ impl PatchSamples {
         }
     }
 
-    /// The mean of the squared distances from the samples along their normals to an exemplar's heights: Kawai, Sato and Yokoya
-    /// (2008), equation 2, for the best plane between both. Samples where the exemplar has no surface count as [`ABSENT`]; if they
-    /// were left out, exemplars with holes where they fit least would seem best. Infinite if it is over `most`, or if the exemplar has
-    /// no surface at many samples.
-    #[inline]
-    pub(super) fn compare(&self, heights: &[f32], step: f64, turn: &Turn, most: f64) -> f64 {
+    /// The samples as exemplars see them that are turned like this.
+    pub(super) fn view(&self, step: f64, turn: &Turn, view: &mut Vec<View<LANES>>) {
+        view.clear();
+        view.extend(self.samples.chunks(LANES).map(|some| View::new(some, step, turn)));
+    }
+
+    /// The mean of the squared distances from the samples, of which this is the view, along their normals to an exemplar's heights: Kawai,
+    /// Sato and Yokoya (2008), equation 2, for the best plane between both. Samples where the exemplar has no surface count as [`ABSENT`];
+    /// if they were left out, exemplars with holes where they fit least would seem best. Infinite if it is over `most`, or if the exemplar
+    /// has no surface at many samples.
+    #[inline(always)]
+    pub(super) fn compare(&self, view: &[View<LANES>], heights: &[f32], most: f64) -> f64 {
         let count = self.samples.len();
         let limit = most * count as f64;
         let absent = (ABSENT * self.radius) * (ABSENT * self.radius);
         let mut sums = Sums::default();
+        let (mut distances, mut missing) = ([0.0; LANES], [0; LANES]);
         let (mut start, mut rest) = (0, 0.0);
         for (end, planes) in &self.stages {
-            for (sample, place) in self.samples[start..*end].iter().zip(&self.places[start..*end]) {
-                sums.add(self.distance(sample, heights, step, turn), *place);
+            for sample in start..*end {
+                if sample % LANES == 0 {
+                    distances = self.distances(&view[sample / LANES], heights);
+                    for k in 0..LANES {
+                        missing[k] = u64::from(distances[k].is_nan());
+                        distances[k] = if distances[k].is_nan() { 0.0 } else { distances[k] };
+                    }
+                }
+                let lane = sample % LANES;
+                sums.missing += missing[lane];
+                sums.add(distances[lane], self.places[sample]);
             }
             start = *end;
             rest = sums.squares + sums.missing as f64 * absent - planes.gain(sums.moments);
@@ -68,7 +86,7 @@ impl PatchSamples {
             }
         }
         // At least seven of ten samples.
-        let met = count - sums.missing;
+        let met = count - sums.missing as usize;
         if met == 0 || 10 * met < 7 * count {
             return f64::INFINITY;
         }
@@ -78,21 +96,25 @@ impl PatchSamples {
 
     /// Aligns an exemplar with the patch by the best small shift and tilt.
     pub(super) fn align(&self, heights: &[f32], step: f64, turn: &Turn) -> Alignment {
-        let distance = |sample: &Sample| self.distance(sample, heights, step, turn);
-        let distances: Vec<f64> = self.samples.iter().map(distance).collect();
+        let mut view = Vec::new();
+        self.view(step, turn, &mut view);
+        let mut distances = Vec::with_capacity(LANES * view.len());
+        widest(Distances { patch: self, view: &view, heights, distances: &mut distances });
+        distances.truncate(self.samples.len());
         let mut sums = Sums::default();
-        distances
-            .iter()
-            .zip(&self.places)
-            .for_each(|(&distance, &place)| sums.add(distance, place));
+        let met = distances.iter().zip(&self.places).filter(|(distance, _)| !distance.is_nan());
+        met.for_each(|(&distance, &place)| sums.add(distance, place));
         Alignment { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
     }
 
-    /// How far an exemplar is from a sample; NaN if there is none within the patch's radius.
+    /// How far an exemplar is from samples; NaN if there is none within the patch's radius.
     #[inline(always)]
-    fn distance(&self, sample: &Sample, heights: &[f32], step: f64, turn: &Turn) -> f64 {
-        let distance = sample.turned(step, |place| turn.apply(place)).distance(heights);
-        if distance.abs() <= self.radius { distance } else { f64::NAN }
+    fn distances(&self, view: &View<LANES>, heights: &[f32]) -> [f64; LANES] {
+        let mut distances = view.distances(heights);
+        for distance in &mut distances {
+            *distance = if distance.abs() <= self.radius { *distance } else { f64::NAN };
+        }
+        distances
     }
 
     /// The plane's value at a sample.
@@ -102,20 +124,33 @@ impl PatchSamples {
     }
 }
 
+/// The distances of all samples of a patch, and of what is left over.
+struct Distances<'a> {
+    patch: &'a PatchSamples,
+    view: &'a [View<LANES>],
+    heights: &'a [f32],
+    distances: &'a mut Vec<f64>,
+}
+
+impl Kernel for Distances<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for view in self.view {
+            self.distances.extend_from_slice(&self.patch.distances(view, self.heights));
+        }
+    }
+}
+
 #[derive(Default)]
 struct Sums {
     squares: f64,
     moments: [f64; 3],
-    missing: usize,
+    missing: u64,
 }
 
 impl Sums {
     #[inline(always)]
     fn add(&mut self, distance: f64, [u, v]: [f64; 2]) {
-        if distance.is_nan() {
-            self.missing += 1;
-            return;
-        }
         self.squares += distance * distance;
         self.moments[0] += distance;
         self.moments[1] += distance * u;

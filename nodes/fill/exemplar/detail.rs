@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::compare::{PatchSamples, Plane};
 use super::exemplars::Exemplars;
-use super::heights::sample;
+use super::heights::{View, sample};
 use super::level::Outcome;
 use super::roughness::Roughness;
 use super::spread::Plate;
@@ -129,10 +129,9 @@ impl<'a> Alignments<'a> {
         let normal = outcome.normals[self.place[vertex as usize] as usize];
         let found = &outcome.matches[center];
         let sample = sample(&outcome.frames[center], &point, &normal);
-        let turned =
-            sample.turned(exemplars.lattice.step, |place| turns.of(found.turn).apply(place));
+        let view = View::<1>::new(&[sample], exemplars.lattice.step, turns.of(found.turn));
+        let [distance] = view.distances(exemplars.heights(found.exemplar));
         let [u, v] = sample.at.map(|x| x / radius);
-        let distance = turned.distance(exemplars.heights(found.exemplar));
         point + normal * (distance - plane[0] - plane[1] * u - plane[2] * v)
     }
 }

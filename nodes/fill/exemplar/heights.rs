@@ -2,9 +2,10 @@
 
 use std::cmp::Ordering;
 
+use maquette::simd::{Kernel, widest};
 use nalgebra::{Point3, Vector3};
 
-use super::frame::Frame;
+use super::frame::{Frame, Turn};
 use super::surface::{NONE, Surface};
 
 /// Nodes of a lattice to each side of its middle. Fewer blur what a patch of some 7 edges across shows; more cost memory.
@@ -16,50 +17,71 @@ pub(super) const SIDE: usize = 2 * HALF + 1;
 /// Nodes of a lattice.
 pub(super) const NODES: usize = SIDE * SIDE;
 
-/// A node of a lattice that lies in its disk.
-struct Node {
-    /// Its index, and that of the node one step nearer to the middle.
-    index: usize,
-    inner: usize,
-    /// Columns and rows from the middle.
-    at: [f64; 2],
-}
+/// The middle node.
+const MIDDLE: usize = NODES / 2;
 
 /// Where heights are measured: at the nodes of a square lattice as far as they lie in a disk.
 pub(super) struct Lattice {
     pub(super) step: f64,
-    /// From the middle outward.
-    nodes: Vec<Node>,
+    /// All but the middle, from there outward.
+    nodes: Vec<Nodes>,
+    count: usize,
+}
+
+/// Some nodes of a lattice that lie in its disk, all in the same columns or rows around the middle, or farther than those.
+struct Nodes {
+    /// Their indices; as many are nodes as there are.
+    indices: Vec<usize>,
+    /// The nodes one step nearer to the middle.
+    inner: [usize; LANES],
+    /// Columns and rows from the middle.
+    at: [[f64; LANES]; 2],
+}
+
+impl Nodes {
+    /// Of columns and rows from the middle.
+    fn new(nodes: &[[i32; 2]]) -> Self {
+        let half = HALF as i32;
+        let index = |[x, y]: [i32; 2]| ((y + half) * SIDE as i32 + x + half) as usize;
+        let inner = |[x, y]: [i32; 2]| match x.abs().cmp(&y.abs()) {
+            Ordering::Less => index([x, y - y.signum()]),
+            Ordering::Equal => index([x - x.signum(), y - y.signum()]),
+            Ordering::Greater => index([x - x.signum(), y]),
+        };
+        let node = |k: usize| nodes.get(k).copied().unwrap_or_default();
+        Self {
+            indices: nodes.iter().copied().map(index).collect(),
+            inner: std::array::from_fn(|k| inner(node(k))),
+            at: [0, 1].map(|axis| std::array::from_fn(|k| f64::from(node(k)[axis]))),
+        }
+    }
 }
 
 impl Lattice {
     /// For a disk of this radius.
     pub(super) fn new(radius: f64) -> Self {
         let half = HALF as i32;
-        let index = |x: i32, y: i32| ((y + half) * (2 * half + 1) + x + half) as usize;
-        let mut nodes: Vec<(i32, i32)> =
-            (-half..=half).flat_map(|y| (-half..=half).map(move |x| (x, y))).collect();
-        nodes.retain(|(x, y)| x * x + y * y <= half * half + half);
-        nodes.sort_by_key(|(x, y)| (x.abs().max(y.abs()), *y, *x));
-        let node = |&(x, y): &(i32, i32)| {
-            let inner = match x.abs().cmp(&y.abs()) {
-                Ordering::Less => index(x, y - y.signum()),
-                Ordering::Equal => index(x - x.signum(), y - y.signum()),
-                Ordering::Greater => index(x - x.signum(), y),
-            };
-            Node { index: index(x, y), inner, at: [f64::from(x), f64::from(y)] }
-        };
-        Self { step: radius / HALF as f64, nodes: nodes.iter().map(node).collect() }
+        let mut nodes: Vec<[i32; 2]> =
+            (-half..=half).flat_map(|y| (-half..=half).map(move |x| [x, y])).collect();
+        nodes.retain(|[x, y]| x * x + y * y <= half * half + half);
+        let ring = |[x, y]: [i32; 2]| x.abs().max(y.abs());
+        nodes.sort_by_key(|&node| (ring(node), node[1], node[0]));
+        let count = nodes.len();
+        let rings = nodes[1..].chunk_by(|&a, &b| ring(a) == ring(b));
+        let nodes = rings.flat_map(|ring| ring.chunks(LANES)).map(Nodes::new).collect();
+        Self { step: radius / HALF as f64, nodes, count }
     }
 
     /// The nodes of the disk whose distance from the middle is at most `share` of its radius: their indices.
     pub(super) fn inside(&self, share: f64) -> Vec<usize> {
         let most = share * HALF as f64;
-        let near = self.nodes.iter().filter(|node| {
-            let [x, y] = node.at;
-            x * x + y * y <= most * most
-        });
-        near.map(|node| node.index).collect()
+        let near = |(nodes, k): (&Nodes, usize)| {
+            let [x, y] = [0, 1].map(|axis| nodes.at[axis][k]);
+            (x * x + y * y <= most * most).then_some(nodes.indices[k])
+        };
+        let all =
+            self.nodes.iter().flat_map(|nodes| (0..nodes.indices.len()).map(move |k| (nodes, k)));
+        [MIDDLE].into_iter().chain(all.filter_map(near)).collect()
     }
 
     /// Measures the surface around a vertex over the plane of a frame at it: from node to node over the triangles before `limit`.
@@ -73,27 +95,48 @@ impl Lattice {
         frame: &Frame,
         heights: &mut [f32],
     ) -> f64 {
-        heights.fill(f32::NAN);
-        let mut found = [NONE; NODES];
-        let first = surface.around(vertex).iter().copied().filter(|&face| face < limit);
         let walk = Walk { surface, points, limit, frame };
         let mut count = 0;
-        for node in &self.nodes {
-            let to = node.at.map(|x| x * self.step);
-            let reached = match found[node.inner] {
-                NONE if node.index == node.inner => {
-                    first.clone().find_map(|face| walk.to(face, to))
+        widest(Measure { lattice: self, walk, vertex, heights, count: &mut count });
+        f64::from(count) / self.count as f64
+    }
+}
+
+/// A measurement of a surface around a vertex.
+struct Measure<'a> {
+    lattice: &'a Lattice,
+    walk: Walk<'a>,
+    vertex: u32,
+    heights: &'a mut [f32],
+    /// How many nodes have a height.
+    count: &'a mut u32,
+}
+
+impl Kernel for Measure<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { lattice, walk, vertex, heights, count } = self;
+        heights.fill(f32::NAN);
+        let mut found = [NONE; NODES];
+        let first = walk.surface.around(vertex).iter().filter(|face| **face < walk.limit);
+        let reached =
+            first.map(|&face| walk.to([face], &[[0.0]; 2])).find(|&([face], _)| face != NONE);
+        let Some(([face], [height])) = reached else { return };
+        (found[MIDDLE], heights[MIDDLE], *count) = (face, height as f32, 1);
+        for nodes in &lattice.nodes {
+            let mut from = [NONE; LANES];
+            for k in 0..nodes.indices.len() {
+                from[k] = found[nodes.inner[k]];
+            }
+            let (faces, reached) = walk.to(from, &nodes.at.map(|at| at.map(|x| x * lattice.step)));
+            for (k, &index) in nodes.indices.iter().enumerate() {
+                if faces[k] != NONE {
+                    found[index] = faces[k];
+                    heights[index] = reached[k] as f32;
+                    *count += 1;
                 }
-                NONE => None,
-                face => walk.to(face, to),
-            };
-            if let Some((face, height)) = reached {
-                found[node.index] = face;
-                heights[node.index] = height as f32;
-                count += 1;
             }
         }
-        f64::from(count) / self.nodes.len() as f64
     }
 }
 
@@ -122,7 +165,7 @@ pub(super) fn round_out(heights: &mut [f32]) {
 /// Steps after which a walk gives up: it goes in circles.
 const MOST_STEPS: usize = 128;
 
-/// A walk over a mesh, seen along the normal of a frame.
+/// Walks over a mesh, seen along the normal of a frame.
 struct Walk<'a> {
     surface: &'a Surface<'a>,
     points: &'a [Point3<f64>],
@@ -130,67 +173,142 @@ struct Walk<'a> {
     frame: &'a Frame,
 }
 
+/// Coordinates of several points, by axis.
+type Columns<const N: usize> = [[f64; N]; 3];
+
 impl Walk<'_> {
+    /// Vertices in the coordinates of the frame.
     #[inline(always)]
-    fn local(&self, vertex: u32) -> [f64; 3] {
-        self.frame.local(self.points[vertex as usize] - self.frame.at)
+    fn local<const N: usize>(&self, vertices: [u32; N]) -> Columns<N> {
+        let Frame { at, x, y, z, .. } = self.frame;
+        let (mut given, mut local) = ([[0.0; N]; 3], [[0.0; N]; 3]);
+        for k in 0..N {
+            let point = &self.points[vertices[k] as usize];
+            (given[0][k], given[1][k], given[2][k]) = (point.x, point.y, point.z);
+        }
+        for k in 0..N {
+            let [a, b, c] = [given[0][k] - at.x, given[1][k] - at.y, given[2][k] - at.z];
+            local[0][k] = a * x.x + b * x.y + c * x.z;
+            local[1][k] = a * y.x + b * y.y + c * y.z;
+            local[2][k] = a * z.x + b * z.y + c * z.z;
+        }
+        local
     }
 
-    /// The triangle over a place of the plane, from a triangle on, and its height there.
-    fn to(&self, mut face: u32, to: [f64; 2]) -> Option<(u32, f64)> {
-        let mut ends = self.surface.faces[face as usize];
-        let mut at = ends.map(|end| self.local(end));
-        for _ in 0..MOST_STEPS {
-            let side = |k: usize| {
-                let (a, b) = (at[k], at[(k + 1) % 3]);
-                (b[0] - a[0]) * (to[1] - a[1]) - (b[1] - a[1]) * (to[0] - a[0])
-            };
-            let sides = [side(0), side(1), side(2)];
-            let area = sides[0] + sides[1] + sides[2];
-            let faces_up = area > 0.0;
-            if !faces_up {
-                return None;
-            }
-            let mut out = 0;
-            for k in 1..3 {
-                if sides[k] < sides[out] {
-                    out = k;
-                }
-            }
-            if sides[out] >= -1e-9 * area {
-                let height = sides[1] * at[0][2] + sides[2] * at[1][2] + sides[0] * at[2][2];
-                return Some((face, height / area));
-            }
-            let next = self.surface.beside(face, out);
-            if next >= self.limit {
-                return None;
-            }
-            let [p, q] = [(out + 1) % 3, out];
-            let beyond = self.surface.faces[next as usize];
-            // The next face meets the edge the other way round: its apex, this edge's end, this edge's start.
-            let own = |apex: usize| [self.local(beyond[apex]), at[p], at[q]];
-            let sides = [beyond[0] == ends[p], beyond[1] == ends[p], beyond[2] == ends[p]];
-            at = match sides {
-                [_, true, _] => own(0),
-                [_, _, true] => {
-                    let [apex, p, q] = own(1);
-                    [q, apex, p]
-                }
-                [true, ..] => {
-                    let [apex, p, q] = own(2);
-                    [p, q, apex]
-                }
-                _ => return None,
-            };
-            ends = beyond;
-            face = next;
+    /// The triangles over places of the plane, each from a triangle on, and their heights there; [`NONE`] where there is none. The walks
+    /// go step by step together: a step waits for what the one before it finds, but not for those of others.
+    #[inline(always)]
+    fn to<const N: usize>(&self, from: [u32; N], to: &[[f64; N]; 2]) -> ([u32; N], [f64; N]) {
+        let mut faces = from.map(|face| if face == NONE { 0 } else { face });
+        let mut state = from.map(|face| if face == NONE { LOST } else { GOES });
+        let mut corners = [[0; N]; 3];
+        for k in 0..N {
+            let face = &self.surface.faces[faces[k] as usize];
+            (corners[0][k], corners[1][k], corners[2][k]) = (face[0], face[1], face[2]);
         }
-        None
+        let mut at = [self.local(corners[0]), self.local(corners[1]), self.local(corners[2])];
+        for _ in 0..MOST_STEPS {
+            let Sides { sides, areas } = Sides::new(&at, to);
+            // The edge beyond which the place is farthest.
+            let mut out = [0_u64; N];
+            for k in 0..N {
+                let [a, b, c] = [sides[0][k], sides[1][k], sides[2][k]];
+                let (edge, least) = if b < a { (1, b) } else { (0, a) };
+                let (edge, least) = if c < least { (2, c) } else { (edge, least) };
+                out[k] = edge;
+                let is_beyond = least < -1e-9 * areas[k];
+                let next = if is_beyond { GOES } else { THERE };
+                let next = if areas[k] > 0.0 { next } else { LOST };
+                state[k] = if state[k] == GOES { next } else { state[k] };
+            }
+            if state.iter().all(|&state| state != GOES) {
+                break;
+            }
+            let (mut next, mut across) = ([0; N], [0; N]);
+            let mut ends = [[0; N]; 2];
+            for k in 0..N {
+                let beside = self.surface.beside(faces[k], out[k] as usize);
+                let [first, second] = FIRST_OR_SECOND[beside.end as usize];
+                (next[k], across[k]) = (beside.face, beside.across);
+                (ends[0][k], ends[1][k]) = (first, second);
+            }
+            for k in 0..N {
+                let goes = if next[k] < self.limit { GOES } else { LOST };
+                state[k] = if state[k] == GOES { goes } else { state[k] };
+                faces[k] = if state[k] == GOES { next[k] } else { faces[k] };
+            }
+            // Corners keep their places in the faces, so that sums of them do.
+            let apex = self.local(across);
+            for axis in 0..3 {
+                let ([a, b, c], apex) = ([at[0][axis], at[1][axis], at[2][axis]], apex[axis]);
+                for k in 0..N {
+                    let goes = if state[k] == GOES { u64::MAX } else { 0 };
+                    let first = if out[k] == 0 { u64::MAX } else { 0 };
+                    let second = if out[k] == 1 { u64::MAX } else { 0 };
+                    let start = pick(first, a[k], pick(second, b[k], c[k]));
+                    let end = pick(first, b[k], pick(second, c[k], a[k]));
+                    let (first, second) = (ends[0][k], ends[1][k]);
+                    let x = pick(first, end, pick(second, apex[k], start));
+                    let y = pick(first, start, pick(second, end, apex[k]));
+                    let z = pick(first, apex[k], pick(second, start, end));
+                    at[0][axis][k] = pick(goes, x, a[k]);
+                    at[1][axis][k] = pick(goes, y, b[k]);
+                    at[2][axis][k] = pick(goes, z, c[k]);
+                }
+            }
+        }
+        let Sides { sides, areas } = Sides::new(&at, to);
+        let mut heights = [0.0; N];
+        for k in 0..N {
+            let [a, b, c] = [at[0][2][k], at[1][2][k], at[2][2][k]];
+            heights[k] = (sides[1][k] * a + sides[2][k] * b + sides[0][k] * c) / areas[k];
+            faces[k] = if state[k] == THERE { faces[k] } else { NONE };
+        }
+        (faces, heights)
     }
 }
 
-/// A sample of a patch as an exemplar's lattice sees it: columns and rows from its corner, height, and its normal in the same
-/// units.
+/// The corner after each.
+const AFTER: [usize; 3] = [1, 2, 0];
+
+/// Whether a walk goes on, has arrived, or will not. As wide as a coordinate, so that lanes of both go together.
+const GOES: u64 = 0;
+const THERE: u64 = 1;
+const LOST: u64 = 2;
+
+/// Masks of all ones for the first and for the second corner.
+const FIRST_OR_SECOND: [[u64; 2]; 3] = [[u64::MAX, 0], [0, u64::MAX], [0, 0]];
+
+/// The first number if the mask is all ones, the second if it is 0: without a branch, which the compiler would make of what it sees.
+#[inline(always)]
+fn pick(mask: u64, one: f64, other: f64) -> f64 {
+    f64::from_bits((one.to_bits() & mask) | (other.to_bits() & !mask))
+}
+
+/// Twice the areas that places have with the edges of triangles, and those of the triangles.
+struct Sides<const N: usize> {
+    sides: [[f64; N]; 3],
+    areas: [f64; N],
+}
+
+impl<const N: usize> Sides<N> {
+    #[inline(always)]
+    fn new(at: &[Columns<N>; 3], to: &[[f64; N]; 2]) -> Self {
+        let mut found = Self { sides: [[0.0; N]; 3], areas: [0.0; N] };
+        for k in 0..N {
+            let side = |corner: usize| {
+                let [a, b] = [&at[corner], &at[AFTER[corner]]].map(|at| [at[0][k], at[1][k]]);
+                (b[0] - a[0]) * (to[1][k] - a[1]) - (b[1] - a[1]) * (to[0][k] - a[0])
+            };
+            let [a, b, c] = [side(0), side(1), side(2)];
+            (found.sides[0][k], found.sides[1][k], found.sides[2][k]) = (a, b, c);
+            found.areas[k] = a + b + c;
+        }
+        found
+    }
+}
+
+/// A sample of a patch: a place of the surface and its normal in the coordinates of the patch's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
     pub(super) at: [f64; 2],
@@ -199,71 +317,163 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Of a point and its normal in the coordinates of the patch's frame.
-    pub(super) fn new(point: [f64; 3], normal: [f64; 3]) -> Self {
+    fn new(point: [f64; 3], normal: [f64; 3]) -> Self {
         Self { at: [point[0], point[1]], height: point[2], normal }
     }
+}
 
-    /// This sample, turned as `level` says, in steps of a lattice.
-    #[inline(always)]
-    pub(super) fn turned(&self, step: f64, level: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
-        let [u, v] = level(self.at);
-        let [x, y] = level([self.normal[0], self.normal[1]]);
+/// Samples that are compared at once.
+pub(super) const LANES: usize = 8;
+
+/// Samples as exemplars see them that are turned alike: places in columns and rows of a lattice, and normals in the same units.
+#[derive(Clone, Copy)]
+pub(super) struct View<const N: usize> {
+    at: [[f64; N]; 2],
+    /// The same places.
+    cells: Cells<N>,
+    heights: [f64; N],
+    normals: [[f64; N]; 3],
+}
+
+impl<const N: usize> View<N> {
+    /// Of at most `N` samples, for lattices of this step; those that are left over are nowhere.
+    pub(super) fn new(samples: &[Sample], step: f64, turn: &Turn) -> Self {
+        let (mut at, mut heights, mut normals) = ([[f64::NAN; N]; 2], [0.0; N], [[0.0; N]; 3]);
         let middle = HALF as f64;
-        Self {
-            at: [u / step + middle, v / step + middle],
-            height: self.height,
-            normal: [x / step, y / step, self.normal[2]],
+        for (k, sample) in samples.iter().enumerate() {
+            let [u, v] = turn.apply(sample.at);
+            let [x, y] = turn.apply([sample.normal[0], sample.normal[1]]);
+            (at[0][k], at[1][k]) = (u / step + middle, v / step + middle);
+            heights[k] = sample.height;
+            (normals[0][k], normals[1][k], normals[2][k]) = (x / step, y / step, sample.normal[2]);
         }
+        Self { at, cells: Cells::at(&at), heights, normals }
     }
 
-    /// The signed distance along the normal to a surface of heights; NaN where it has none.
+    /// The signed distances along the normals to a surface of heights; NaN where it has none.
     #[inline(always)]
-    pub(super) fn distance(&self, heights: &[f32]) -> f64 {
-        let [u, v] = self.at;
-        let [x, y, z] = self.normal;
-        let (height, slope) = bilinear(heights, u, v);
-        let first = (height - self.height) / descent(slope, [x, y, z]);
+    pub(super) fn distances(&self, heights: &[f32]) -> [f64; N] {
         // Where the line leaves the place by more than this, the surface is looked at again there.
         const STRAIGHT: f64 = 0.05;
-        let (du, dv) = (first * x, first * y);
-        let is_straight = first.is_nan() || du * du + dv * dv <= STRAIGHT * STRAIGHT;
-        if is_straight {
-            return first;
+        let [x, y, z] = &self.normals;
+        let mut distances = [0.0; N];
+        let below = self.cells.under(heights);
+        for k in 0..N {
+            let descent = descent(below.slopes(k), [x[k], y[k], z[k]]);
+            distances[k] = (below.heights[k] - self.heights[k]) / descent;
         }
-        let (height, slope) = bilinear(heights, u + du, v + dv);
-        first + (height - self.height - first * z) / descent(slope, [x, y, z])
+        let (mut there, mut leaves) = (self.at, [0_u64; N]);
+        for k in 0..N {
+            let (du, dv) = (distances[k] * x[k], distances[k] * y[k]);
+            there[0][k] += du;
+            there[1][k] += dv;
+            leaves[k] = u64::from(du * du + dv * dv > STRAIGHT * STRAIGHT);
+        }
+        if leaves.iter().fold(0, |any, leaves| any | leaves) == 0 {
+            return distances;
+        }
+        let below = Cells::at(&there).under(heights);
+        for k in 0..N {
+            let rest = below.heights[k] - self.heights[k] - distances[k] * z[k];
+            let again = distances[k] + rest / descent(below.slopes(k), [x[k], y[k], z[k]]);
+            distances[k] = if leaves[k] == 0 { distances[k] } else { again };
+        }
+        distances
     }
 }
 
 /// How fast a line in a direction comes up to a surface of this slope; not less than a quarter, so that lines along it end.
 #[inline(always)]
 fn descent(slope: [f64; 2], [x, y, z]: [f64; 3]) -> f64 {
-    (z - slope[0] * x - slope[1] * y).max(0.25)
+    let descent = z - slope[0] * x - slope[1] * y;
+    if descent > 0.25 { descent } else { 0.25 }
 }
 
-/// Height and slope between four nodes; NaN if one of them has none.
-#[inline(always)]
-fn bilinear(heights: &[f32], u: f64, v: f64) -> (f64, [f64; 2]) {
-    let last = (SIDE - 1) as f64;
-    let inside = 0.0 <= u && u < last && 0.0 <= v && v < last;
-    if !inside {
-        return (f64::NAN, [0.0; 2]);
+/// Places of a lattice, each between four nodes.
+#[derive(Clone, Copy)]
+struct Cells<const N: usize> {
+    /// The nodes with the least columns and rows.
+    corners: [u64; N],
+    /// How many columns and rows the places are from there; NaN outside of the lattice.
+    columns: [f64; N],
+    rows: [f64; N],
+}
+
+impl<const N: usize> Cells<N> {
+    #[inline(always)]
+    fn at([u, v]: &[[f64; N]; 2]) -> Self {
+        let mut cells = Self { corners: [0; N], columns: [0.0; N], rows: [0.0; N] };
+        let last = (SIDE - 1) as f64;
+        for k in 0..N {
+            let is_inside = (0.0 <= u[k]) & (u[k] < last) & (0.0 <= v[k]) & (v[k] < last);
+            let column = floor(if is_inside { u[k] } else { 0.0 });
+            let row = floor(if is_inside { v[k] } else { 0.0 });
+            // As integers, without an instruction that checks their range.
+            cells.corners[k] = (row * SIDE as f64 + column + INTEGER).to_bits() & 0xffff;
+            cells.columns[k] = if is_inside { u[k] - column } else { f64::NAN };
+            cells.rows[k] = if is_inside { v[k] - row } else { f64::NAN };
+        }
+        cells
     }
-    let (column, row) = (u as usize, v as usize);
-    let (s, t) = (u - column as f64, v - row as f64);
-    let corner = row * SIDE + column;
-    let cell = &heights[corner..corner + SIDE + 2];
-    let [a, b] = [cell[0], cell[1]].map(f64::from);
-    let [c, d] = [cell[SIDE], cell[SIDE + 1]].map(f64::from);
-    let (below, above) = (a + s * (b - a), c + s * (d - c));
-    (below + t * (above - below), [(b - a) + t * ((d - c) - (b - a)), above - below])
+
+    /// Heights and slopes at the places; NaN if one of the four nodes has no height.
+    #[inline(always)]
+    fn under(&self, heights: &[f32]) -> Under<N> {
+        // Two heights beside each other are one number: half as many to collect.
+        let (mut below, mut above) = ([0; N], [0; N]);
+        for k in 0..N {
+            let corner = self.corners[k] as usize;
+            let cell = &heights[corner..corner + SIDE + 2];
+            let pair = |first: usize| {
+                let [a, b] =
+                    [cell[first], cell[first + 1]].map(|height| u64::from(height.to_bits()));
+                a | (b << 32)
+            };
+            (below[k], above[k]) = (pair(0), pair(SIDE));
+        }
+        let mut under = Under { heights: [0.0; N], slopes: [[0.0; N]; 2] };
+        for k in 0..N {
+            let first = |pair: u64| f64::from(f32::from_bits(pair as u32));
+            let second = |pair: u64| f64::from(f32::from_bits((pair >> 32) as u32));
+            let [a, b] = [first(below[k]), second(below[k])];
+            let [c, d] = [first(above[k]), second(above[k])];
+            let (s, t) = (self.columns[k], self.rows[k]);
+            let (below, above) = (a + s * (b - a), c + s * (d - c));
+            under.heights[k] = below + t * (above - below);
+            under.slopes[0][k] = (b - a) + t * ((d - c) - (b - a));
+            under.slopes[1][k] = above - below;
+        }
+        under
+    }
+}
+
+/// Added to a number of small size it leaves the nearest integer in the sum's lowest bits.
+const INTEGER: f64 = (3_u64 << 51) as f64;
+
+/// The greatest integer that is not above a number of small size.
+#[inline(always)]
+fn floor(x: f64) -> f64 {
+    let nearest = (x + INTEGER) - INTEGER;
+    nearest - if nearest > x { 1.0 } else { 0.0 }
+}
+
+/// What a lattice has at some places.
+struct Under<const N: usize> {
+    heights: [f64; N],
+    slopes: [[f64; N]; 2],
+}
+
+impl<const N: usize> Under<N> {
+    #[inline(always)]
+    fn slopes(&self, k: usize) -> [f64; 2] {
+        [self.slopes[0][k], self.slopes[1][k]]
+    }
 }
 
 /// The height at a place given in lattice steps from the middle; NaN where there is none.
-pub(super) fn height_at(heights: &[f32], [u, v]: [f64; 2]) -> f64 {
-    let middle = HALF as f64;
-    bilinear(heights, u + middle, v + middle).0
+pub(super) fn height_at(heights: &[f32], place: [f64; 2]) -> f64 {
+    let [u, v] = place.map(|x| [x + HALF as f64]);
+    Cells::at(&[u, v]).under(heights).heights[0]
 }
 
 /// A patch's sample as point and normal in its frame.

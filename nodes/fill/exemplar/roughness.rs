@@ -103,7 +103,7 @@ fn sides(surface: &Surface<'_>, part: &[u32]) -> Vec<[u32; 2]> {
         let ends = surface.faces[face as usize];
         let touches =
             move |k: &usize| is_in[ends[*k] as usize] || is_in[ends[(k + 1) % 3] as usize];
-        (0..3).filter(touches).map(move |k| [face, surface.beside(face, k)])
+        (0..3).filter(touches).map(move |k| [face, surface.beside(face, k).face])
     });
     sides.filter(|[face, other]| *other != NONE && face < other).collect()
 }

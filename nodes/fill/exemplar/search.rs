@@ -4,14 +4,17 @@
 //! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once. Those that stay worst are
 //! compared with all exemplars.
 
+use std::ops::Range;
+
 use maquette::parallel::*;
+use maquette::simd::{Kernel, widest};
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;
 use super::compare::PatchSamples;
 use super::exemplars::Exemplars;
 use super::frame::Frame;
-use super::heights::{NODES, Sample, sample};
+use super::heights::{LANES, NODES, Sample, View, sample};
 use super::patches::Patches;
 use super::surface::{NONE, Surface};
 use super::tints::{Color, PART, Tint};
@@ -57,6 +60,8 @@ const RANDOM: u64 = 4;
 /// Buffers of a search.
 pub(super) struct Scratch {
     patch: PatchSamples,
+    /// The views of the patch for each turn; empty until they are asked for.
+    views: Vec<Vec<View<LANES>>>,
     tint: Tint,
     seen: Vec<(u32, u8)>,
     heights: Vec<f32>,
@@ -67,6 +72,7 @@ impl Scratch {
     pub(super) fn new() -> Self {
         Self {
             patch: PatchSamples::default(),
+            views: vec![],
             tint: Tint::default(),
             seen: vec![],
             heights: vec![0.0; NODES],
@@ -87,9 +93,7 @@ impl Search<'_> {
         far: Option<u64>,
         scratch: &mut Scratch,
     ) -> Match {
-        scratch.seen.clear();
-        self.take(scene, center, &mut scratch.patch);
-        scratch.tint = self.tint(center, &scratch.patch);
+        self.begin(scene, center, scratch);
         let mut best = Match::NOTHING;
         if let Some(own) = before.get(center) {
             self.try_one(own.exemplar, own.turn, &mut best, scratch);
@@ -114,6 +118,23 @@ impl Search<'_> {
             self.try_random(center, iteration, &mut best, scratch);
         }
         best
+    }
+
+    /// Prepares for comparisons of a patch.
+    fn begin(&self, scene: &Scene<'_>, center: usize, scratch: &mut Scratch) {
+        scratch.seen.clear();
+        self.take(scene, center, &mut scratch.patch);
+        scratch.views.resize(self.turns.all.len(), Vec::new());
+        scratch.views.iter_mut().for_each(Vec::clear);
+        scratch.tint = self.tint(center, &scratch.patch);
+    }
+
+    /// Prepares for comparisons with exemplars that are turned like this.
+    fn look(&self, turn: u8, scratch: &mut Scratch) {
+        let view = &mut scratch.views[usize::from(turn)];
+        if view.is_empty() {
+            scratch.patch.view(self.exemplars.lattice.step, self.turns.of(turn), view);
+        }
     }
 
     /// Puts a patch in its frame.
@@ -152,7 +173,9 @@ impl Search<'_> {
             return;
         }
         scratch.seen.push((exemplar, turn));
-        self.compare(exemplar, turn, best, scratch);
+        self.look(turn, scratch);
+        let exemplars = exemplar..exemplar + 1;
+        widest(Comparisons { search: self, scratch, exemplars, turn, best });
     }
 
     /// Compares as many of the patches with all exemplars as some comparisons allow, those whose matches are worst.
@@ -183,27 +206,26 @@ impl Search<'_> {
         found: Match,
         scratch: &mut Scratch,
     ) -> Match {
-        self.take(scene, center, &mut scratch.patch);
-        scratch.tint = self.tint(center, &scratch.patch);
-        let mut best = found;
+        self.begin(scene, center, scratch);
+        let (mut best, all) = (found, self.exemplars.len() as u32);
         for turn in self.turns.tried(&scene.frames[center]) {
-            for exemplar in 0..self.exemplars.len() as u32 {
-                self.compare(exemplar, turn as u8, &mut best, scratch);
-            }
+            let turn = turn as u8;
+            self.look(turn, scratch);
+            widest(Comparisons { search: self, scratch, exemplars: 0..all, turn, best: &mut best });
         }
         best
     }
 
     /// Takes an exemplar if it is better than the best.
+    #[inline(always)]
     fn compare(&self, exemplar: u32, turn: u8, best: &mut Match, scratch: &Scratch) {
-        let heights = self.exemplars.heights(exemplar);
-        let step = self.exemplars.lattice.step;
         let way = self.turns.of(turn);
         let tints = self.exemplars.tints.get(exemplar as usize);
         let tint = tints.map_or(0.0, |own| scratch.tint.compare(own, way));
         let most = best.ssd + best.tint - tint;
         let ssd = if most >= 0.0 {
-            scratch.patch.compare(heights, step, way, most)
+            let view = &scratch.views[usize::from(turn)];
+            scratch.patch.compare(view, self.exemplars.heights(exemplar), most)
         } else {
             f64::INFINITY
         };
@@ -249,6 +271,24 @@ impl Search<'_> {
             let from = self.exemplars.vertices[best.exemplar as usize];
             self.try_near(Hint { from, to, turn: best.turn }, best, scratch);
             window /= 2.0;
+        }
+    }
+}
+
+/// The best of some exemplars, all turned alike.
+struct Comparisons<'a> {
+    search: &'a Search<'a>,
+    scratch: &'a Scratch,
+    exemplars: Range<u32>,
+    turn: u8,
+    best: &'a mut Match,
+}
+
+impl Kernel for Comparisons<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for exemplar in self.exemplars {
+            self.search.compare(exemplar, self.turn, self.best, self.scratch);
         }
     }
 }

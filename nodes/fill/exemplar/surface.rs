@@ -17,8 +17,19 @@ pub(super) struct Surface<'a> {
     around: Lists,
     /// The vertices joined to each vertex by an edge, in ascending order.
     rings: Lists,
-    /// The face across the edge from each corner of a face to its next.
-    beside: Vec<[u32; 3]>,
+    /// What is across the edge from each corner of a face to its next.
+    beside: Vec<[Beside; 3]>,
+}
+
+/// What is across an edge of a face.
+#[derive(Clone, Copy)]
+pub(super) struct Beside {
+    /// [`NONE`] at a border.
+    pub(super) face: u32,
+    /// The corner of that face with which the edge ends.
+    pub(super) end: u32,
+    /// The vertex of its other corner.
+    pub(super) across: u32,
 }
 
 impl<'a> Surface<'a> {
@@ -27,12 +38,14 @@ impl<'a> Surface<'a> {
         let corners = || (0u32..).zip(faces).flat_map(|(face, ends)| ends.map(|end| (end, face)));
         let around = Lists::group(vertices, corners);
         let across = |face: u32, [a, b]: [u32; 2]| {
-            let has = |other: u32| {
+            let find = |other: u32| {
                 let ends = faces[other as usize];
-                (0..3).any(|k| [ends[k], ends[(k + 1) % 3]] == [b, a])
+                let end = (0..3).find(|&k| [ends[k], ends[(k + 1) % 3]] == [b, a])?;
+                Some(Beside { face: other, end: end as u32, across: ends[(end + 2) % 3] })
             };
-            let found = around.of(a as usize).iter().find(|&&other| other != face && has(other));
-            found.copied().unwrap_or(NONE)
+            let others = around.of(a as usize).iter().filter(|&&other| other != face);
+            let found = others.copied().find_map(find);
+            found.unwrap_or(Beside { face: NONE, end: 0, across: 0 })
         };
         let sides = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
         let beside = (0u32..).zip(faces).map(|(face, &ends)| sides(ends).map(|s| across(face, s)));
@@ -64,9 +77,10 @@ impl<'a> Surface<'a> {
         self.around.of(vertex as usize)
     }
 
-    /// The face across the edge from a corner of a face to its next.
-    pub(super) fn beside(&self, face: u32, corner: usize) -> u32 {
-        self.beside[face as usize][corner]
+    /// What is across the edge from a corner of a face to its next.
+    #[inline(always)]
+    pub(super) fn beside(&self, face: u32, corner: usize) -> Beside {
+        self.beside.as_flattened()[3 * face as usize + corner]
     }
 
     /// Twice the sum of the area vectors of the faces around a vertex.

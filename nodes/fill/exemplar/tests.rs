@@ -194,8 +194,9 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
         let mut patch = PatchSamples::default();
         search.take(&scene, center, &mut patch);
         let compare = |exemplar: u32, turn: u8| {
-            let turn = completion.turns.of(turn);
-            patch.compare(exemplars.heights(exemplar), exemplars.lattice.step, turn, f64::INFINITY)
+            let mut view = Vec::new();
+            patch.view(exemplars.lattice.step, completion.turns.of(turn), &mut view);
+            patch.compare(&view, exemplars.heights(exemplar), f64::INFINITY)
         };
         fast += compare(found.exemplar, found.turn);
         let turns = completion.turns.tried(&outcome.frames[center]);
