@@ -59,7 +59,7 @@ pub use memo::Memo;
 pub(crate) use memo::hash_of_memo;
 pub(crate) use mesh::bounds;
 pub use mesh::{
-    Behind, Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree, to_triangle,
+    Behind, Edges, Faces, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree, to_triangle,
 };
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};

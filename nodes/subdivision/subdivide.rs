@@ -4,8 +4,7 @@
 //! refined by products.
 
 use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want, hash_of};
-use nalgebra::Point3;
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -88,35 +87,17 @@ impl Node for Subdivide {
         cx: &Context<'_>,
         previous: &Previous<'_>,
     ) -> Result<Option<Self::Outputs>, Error> {
-        let (mesh, before) = (cx.get(&self.mesh), previous.get(&self.mesh));
-        let refined = previous.output::<Mesh>(0);
-        let (Some(refined), Some(moved)) = (refined, moved(before, mesh)) else { return Ok(None) };
-        if self.split {
+        let mesh = cx.get(&self.mesh);
+        let (refined, moved) = (previous.output(0), mesh.moved_since(previous.get(&self.mesh)));
+        let (Some(refined), Some(moved), false) = (refined, moved, self.split) else {
             return Ok(None);
-        }
+        };
+        let moved = Vec::from_iter(moved.vertices.into_iter().flatten());
         self.warn(mesh, cx);
         let plan = self.plan(mesh, cx)?;
         let followed = plan.follow(mesh, &moved, refined, cx.progress())?;
         Ok(followed.map(|mesh| (mesh,)))
     }
-}
-
-/// The vertices at which a mesh has other places than one `before`; none if anything else that a refined mesh shows differs, too, but
-/// for its picture and its frame.
-fn moved(before: &Mesh, mesh: &Mesh) -> Option<Vec<u32>> {
-    let places = mesh.positions();
-    if places.len() != before.positions().len() {
-        return None;
-    }
-    let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
-    let pairs = (0..).zip(before.positions().iter().zip(places.iter()));
-    let pairs = pairs.filter(|(_, (before, now))| bits(before) != bits(now));
-    let (moved, places): (Vec<u32>, Vec<_>) =
-        pairs.map(|(vertex, (_, now))| (vertex, *now)).unzip();
-    let rows = Vec::from_iter(moved.iter().map(|&vertex| vertex..vertex + 1));
-    let followed = before.with_moved(&rows, &places).ok()?;
-    let followed = followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied());
-    (hash_of(&followed) == hash_of(&mesh.clone().without("normal"))).then_some(moved)
 }
 
 impl Subdivide {

@@ -11,6 +11,7 @@ use crate::memory::huge_vec;
 use crate::parallel::*;
 
 mod blocks;
+mod changed;
 
 use blocks::{Blocks, of_one_block};
 

@@ -12,6 +12,7 @@ mod describe;
 mod elements;
 mod faces;
 mod known;
+mod moved;
 mod nearest;
 mod normals;
 mod parts;
@@ -21,6 +22,7 @@ mod walls;
 use known::Known;
 
 pub use faces::{Edges, Faces};
+pub use moved::Moved;
 pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
 pub use walls::Behind;
 

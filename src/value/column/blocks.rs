@@ -10,6 +10,7 @@ use blake3::hazmat::{
     ChainingValue, HasherExt, Mode, merge_subtrees_non_root, merge_subtrees_root,
 };
 
+use super::changed::append;
 use crate::parallel::*;
 use crate::value::{Hash, SEVERAL_THREADS};
 
@@ -31,6 +32,11 @@ fn count(bytes: usize) -> usize {
 /// The blocks in which some bytes lie; there is at least one byte.
 fn around(bytes: Range<usize>) -> RangeInclusive<usize> {
     (HEADER + bytes.start) / BLOCK..=(HEADER + bytes.end - 1) / BLOCK
+}
+
+/// The bytes of a block that is full.
+fn within(index: usize) -> Range<usize> {
+    (index * BLOCK).saturating_sub(HEADER)..(index + 1) * BLOCK - HEADER
 }
 
 /// The hash of `items` items and their bytes, if they are one block.
@@ -76,6 +82,18 @@ impl Blocks {
         to.update(self.0[around(bytes)].as_flattened());
     }
 
+    /// The rows of items of this size, of which there are `len`, that lie in blocks with other hashes than `before`. Both columns have
+    /// the same length.
+    pub(super) fn changed(&self, before: &Self, len: usize, size: usize) -> Vec<Range<u32>> {
+        let mut rows = Vec::new();
+        let pairs = self.0.iter().zip(&before.0).enumerate();
+        for (index, _) in pairs.filter(|(_, (now, before))| now != before) {
+            let Range { start, end } = within(index);
+            append(&mut rows, (start / size) as u32..len.min(end.div_ceil(size)) as u32);
+        }
+        rows
+    }
+
     /// The hash of the whole.
     pub(super) fn whole(&self) -> Hash {
         let (left, right) = halves(&self.0);
@@ -84,7 +102,7 @@ impl Blocks {
 }
 
 fn block(items: usize, bytes: &[u8], index: usize) -> ChainingValue {
-    let [begin, end] = [index, index + 1].map(|index| (index * BLOCK).saturating_sub(HEADER));
+    let Range { start: begin, end } = within(index);
     let bytes = &bytes[begin..end.min(bytes.len())];
     match index {
         0 => start(items).update(bytes).finalize_non_root(),

@@ -1,7 +1,8 @@
 //! What is made of the mesh refined before.
 
-use maquette::Progress;
 use maquette::value::Attribute;
+use maquette::{Progress, hash_of};
+use nalgebra::Point3;
 
 use super::super::*;
 use super::shapes::*;
@@ -40,6 +41,11 @@ fn meshes(scheme: Scheme) -> Vec<Mesh> {
 
 fn plan(mesh: &Mesh, how: Subdivision) -> Plan {
     Plan::new(mesh, how).unwrap()
+}
+
+/// The vertices that have moved, if nothing else differs.
+fn moved(before: &Mesh, now: &Mesh) -> Option<Vec<u32>> {
+    Some(now.moved_since(before)?.vertices.into_iter().flatten().collect())
 }
 
 #[test]

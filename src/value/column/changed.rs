@@ -1,0 +1,98 @@
+//! Where a column differs from another one.
+
+use std::iter;
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::NoUninit;
+
+use super::Column;
+use crate::parallel::*;
+
+/// Items that one task compares: as many bytes as stay in a cache next to the processor.
+const COMPARED: usize = 1 << 12;
+
+impl<T: NoUninit + Send + Sync> Column<T> {
+    /// The rows in which items have other bytes than those of a column `before`, in order and apart from each other; none if that has
+    /// another length. Where both columns have been hashed, only blocks of them with other hashes are looked at.
+    pub fn changed(&self, before: &Self) -> Option<Vec<Range<u32>>> {
+        let len = u32::try_from(self.len()).ok().filter(|_| self.len() == before.len())?;
+        if Arc::ptr_eq(&self.0, &before.0) {
+            return Some(Vec::new());
+        }
+        let suspects = match (self.0.blocks.get(), before.0.blocks.get()) {
+            (Some(now), Some(before)) => now.changed(before, self.len(), size_of::<T>()),
+            _ => iter::once(0..len).collect(),
+        };
+        let pieces = Vec::from_iter(suspects.into_iter().flat_map(|rows| {
+            let end = rows.end;
+            rows.step_by(COMPARED).map(move |start| start..end.min(start + COMPARED as u32))
+        }));
+        let of_piece = |piece: &Range<u32>| {
+            let mut rows = Vec::new();
+            let items = piece.start as usize..piece.end as usize;
+            let pairs = self[items.clone()].iter().zip(&before[items]);
+            for (place, (now, before)) in piece.clone().zip(pairs) {
+                if bytemuck::bytes_of(now) != bytemuck::bytes_of(before) {
+                    append(&mut rows, place..place + 1);
+                }
+            }
+            rows
+        };
+        let found: Vec<Vec<Range<u32>>> = pieces.par_iter().with_min_len(4).map(of_piece).collect();
+        let mut rows = Vec::with_capacity(found.iter().map(Vec::len).sum());
+        found.into_iter().flatten().for_each(|row| append(&mut rows, row));
+        Some(rows)
+    }
+}
+
+/// Adds some rows behind others; to the last ones, if no item lies between.
+pub(super) fn append(rows: &mut Vec<Range<u32>>, next: Range<u32>) {
+    match rows.last_mut() {
+        Some(last) if next.start <= last.end => last.end = next.end,
+        _ => rows.push(next),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rows that have changed, found with and without hashes.
+    fn changed<T: NoUninit + Send + Sync>(now: Vec<T>, before: Vec<T>) -> Option<Vec<Range<u32>>> {
+        let [now, before] = [now, before].map(Column::from);
+        let plain = now.changed(&before);
+        let _ = (now.hash(), before.hash());
+        assert_eq!(now.changed(&before), plain);
+        plain
+    }
+
+    #[test]
+    fn rows_are_compared_by_their_bytes() {
+        let only = |row: Range<u32>| Some(Vec::from_iter(iter::once(row)));
+        assert_eq!(changed(vec![0.0, 1.0, f64::NAN], vec![-0.0, 1.0, f64::NAN]), only(0..1));
+        assert_eq!(changed(vec![[1u8, 2], [3, 4]], vec![[1, 0], [0, 4]]), only(0..2));
+        assert_eq!(changed(vec![1, 2], vec![1, 2, 3]), None);
+        assert_eq!(changed(Vec::<u32>::new(), Vec::new()), Some(vec![]));
+        let column = Column::from(vec![f64::NAN]);
+        assert_eq!(column.changed(&column.clone()), Some(vec![]));
+    }
+
+    /// Lengths around those of blocks and of what a task compares; items of 24 bytes lie across the ends of blocks.
+    #[test]
+    fn rows_are_found_wherever_they_lie() {
+        for len in [1_u32, 682, 683, 1365, 1366, 4096, 4097, 20_000] {
+            let before = Vec::from_iter((0..len).map(|k| [f64::from(k), 0.0, 1.0]));
+            let mut now = before.clone();
+            let mut expected = Vec::new();
+            for rows in [0..1, 681..683, 1364..1367, 4095..4097, 9000..9001, 19_998..20_000] {
+                let rows = rows.start.min(len)..rows.end.min(len);
+                if !rows.is_empty() {
+                    rows.clone().for_each(|row| now[row as usize][row as usize % 3] -= 0.5);
+                    append(&mut expected, rows);
+                }
+            }
+            assert_eq!(changed(now, before), Some(expected), "{len}");
+        }
+    }
+}
