@@ -45,7 +45,8 @@ const MEMORY: usize = 1 << 30;
 /// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
 /// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
 /// 12. What its migrations call old is not there, and what they call new is.
-/// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings.
+/// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings; and one that makes something
+///     of unchanged inputs does of changed ones, too.
 /// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end; pieces that are said to be made of the
 ///     same are the same.
 ///
@@ -225,7 +226,11 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     promises::check(&case, broken);
     attributes::check(&case, broken);
     cells::check(&case, broken);
-    updates::check(&case, broken);
+    let changes = changes(&graph.nodes[index].recipe.parameters, entry.schema());
+    let others = changes
+        .into_iter()
+        .filter_map(|(path, to)| load(vec![(format!("{}.{path}", graph.nodes[index].name), to)]));
+    updates::check(&case, others, broken);
     extremes::check(&case, &load, broken);
 }
 
@@ -270,13 +275,17 @@ fn change(
             let x = number.as_f64().unwrap_or_default();
             let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
             let step = if is_whole { 1.0 } else { 0.125 };
-            changes.extend([x + step, x - step].map(|x| (path.to_owned(), x.to_string())));
+            let others = [x + step, x - step, -x].into_iter().filter(|other| *other != x);
+            changes.extend(others.map(|x| (path.to_owned(), x.to_string())));
         }
         Json::String(word) => {
-            let others = variants(&schema)
-                .into_iter()
-                .filter(|(name, content)| content.is_none() && name != word);
-            changes.extend(others.map(|(name, _)| (path.to_owned(), name)));
+            let others = variants(&schema).into_iter().filter(|(name, _)| name != word);
+            // Of the fields of a variant all may have defaults.
+            let text = |(name, content): (String, Option<Json>)| match content {
+                Some(_) => (path.to_owned(), format!("{name}()")),
+                None => (path.to_owned(), name),
+            };
+            changes.extend(others.map(text));
         }
         Json::Object(entries) => {
             let choices = variants(&schema);
@@ -462,12 +471,15 @@ mod tests {
             [
                 "holes.0.radius 2.125",
                 "holes.0.radius 1.875",
+                "holes.0.radius -2",
                 "holes.0.hard true",
                 "method.levels 4",
                 "method.levels 2",
+                "method.levels -3",
                 "method.start Cone",
                 "count 6",
                 "count 4",
+                "count -5",
             ]
         );
     }

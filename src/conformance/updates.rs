@@ -1,35 +1,74 @@
 //! Law 13: what a node makes of what it gave before ([`Node::update`](crate::Node::update)) is what it makes of its inputs alone.
 
+use std::iter;
+
 use super::extremes::Case;
 use super::{inputs, within};
-use crate::graph::GraphNode;
+use crate::graph::{Graph, GraphNode};
 use crate::node::{Previous, Progress};
 use crate::random::Random;
-use crate::value::{AnyValue, Hash, Items};
+use crate::value::{AnyValue, Attribute, Hash, Items, Mesh};
 
 /// So many changes are made to each value.
 const CHANGES: usize = 12;
 
-/// Checks the node of an example, on the example's values and on hostile ones. One that gives nothing for what has not changed has
-/// nothing to keep.
-pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
+/// Checks the node of an example: on the example's values, on hostile ones, where meshes have normals, and, in `others`, with other
+/// parameters. One that gives nothing for what has not changed has nothing to keep.
+pub(super) fn check(
+    case: &Case<'_>,
+    others: impl Iterator<Item = Graph>,
+    broken: &mut Vec<String>,
+) {
     let node = &case.graph.nodes[case.index];
     let Some(good) = inputs(node, case.values) else { return };
-    let Some(Ok(outputs)) = evaluated(node, &good).map(|(made, _)| made) else { return };
-    let unchanged = Previous { inputs: &good, outputs: &outputs };
-    match updated(node, &good, &unchanged) {
-        Ok(None) => return,
-        Ok(Some(_)) => {}
-        Err(panic) => broken.push(format!("{}: `update` panics: {panic}", case.entry.name)),
-    }
+    let mut tell = |why: String| broken.push(format!("{}: `update` {why}", case.entry.name));
     let ports = case.entry.ports();
+    let hostile = |slot: usize| {
+        let port = ports.iter().find(|port| port.name == node.links[slot].port);
+        let kinds = port.into_iter().flat_map(|port| &port.types);
+        kinds.flat_map(|kind| case.hostile.values(kind)).collect()
+    };
+    match follows(node, &good, &hostile, &mut tell) {
+        None => return,
+        Some(0) => tell("gives something for what has not changed, and for nothing else".into()),
+        Some(_) => {}
+    }
+    let normals = Vec::from_iter(good.iter().map(with_normals));
+    for graph in others {
+        for good in [&good, &normals] {
+            follows(&graph.nodes[case.index], good, &|_| Vec::new(), &mut tell);
+        }
+    }
+}
+
+/// A mesh with normals, which move along with its vertices; any other value as it is.
+fn with_normals(value: &AnyValue) -> AnyValue {
+    let Some(mesh) = value.get::<Mesh>() else { return value.clone() };
+    let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
+    let mesh = mesh.clone().with_vertex("normal", Attribute::Vector(normals));
+    mesh.map_or_else(|_| value.clone(), AnyValue::new)
+}
+
+/// Changes what comes to a node, and other values at each port, and compares. How often it made something of what it gave before; none if
+/// it does not even where nothing has changed.
+fn follows(
+    node: &GraphNode,
+    good: &[AnyValue],
+    others: &dyn Fn(usize) -> Vec<AnyValue>,
+    tell: &mut dyn FnMut(String),
+) -> Option<usize> {
+    let outputs = evaluated(node, good)?.0.ok()?;
+    let unchanged = Previous { inputs: good, outputs: &outputs };
+    match updated(node, good, &unchanged) {
+        Ok(None) => return None,
+        Ok(Some(_)) => {}
+        Err(panic) => tell(format!("panics: {panic}")),
+    }
     let mut dice = Random(0);
+    let mut followed = 0;
     for (slot, link) in node.links.iter().enumerate() {
-        let port = ports.iter().find(|port| port.name == link.port);
-        let kinds = port.iter().flat_map(|port| &port.types);
-        let hostile = kinds.flat_map(|kind| case.hostile.values(kind));
-        for value in [good[slot].clone()].into_iter().chain(hostile) {
-            let mut given = good.clone();
+        for value in iter::once(good[slot].clone()).chain(others(slot)) {
+            let mut given = good.to_vec();
             given[slot] = value;
             let Some((Ok(outputs), _)) = evaluated(node, &given) else { continue };
             let previous = Previous { inputs: &given, outputs: &outputs };
@@ -37,14 +76,17 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
                 let mut now = given.clone();
                 let Some(changed) = changed(&given[slot], &mut dice) else { continue };
                 now[slot] = changed;
-                if let Err(why) = agrees(node, &now, &previous) {
-                    let what =
-                        format!("{:?} at `{}` becomes {:?}", given[slot], link.port, now[slot]);
-                    broken.push(format!("{}: `update` {why}, where {what}", case.entry.name));
+                match agrees(node, &now, &previous) {
+                    Ok(is_followed) => followed += usize::from(is_followed),
+                    Err(why) => tell(format!(
+                        "{why}, where {:?} at `{}` becomes {:?}, with {}",
+                        given[slot], link.port, now[slot], node.recipe.parameters
+                    )),
                 }
             }
         }
     }
+    Some(followed)
 }
 
 /// What a node gives, or why it fails, and its warnings.
@@ -68,10 +110,11 @@ fn updated(
     Ok(made.map(|made| (made, warnings)))
 }
 
-fn agrees(node: &GraphNode, now: &[AnyValue], previous: &Previous<'_>) -> Result<(), String> {
+/// Whether it makes something of what it gave before, which then is the right thing.
+fn agrees(node: &GraphNode, now: &[AnyValue], previous: &Previous<'_>) -> Result<bool, String> {
     let updated = updated(node, now, previous).map_err(|panic| format!("panics: {panic}"))?;
     let (Some((made, warnings)), Some((expected, doubts))) = (updated, evaluated(node, now)) else {
-        return Ok(());
+        return Ok(false);
     };
     let hashes = |values: Vec<AnyValue>| Vec::<Hash>::from_iter(values.iter().map(AnyValue::hash));
     let (made, expected) = (made.map(hashes), expected.map(hashes));
@@ -79,7 +122,7 @@ fn agrees(node: &GraphNode, now: &[AnyValue], previous: &Previous<'_>) -> Result
         return Err(format!("gives {made:?} instead of {expected:?}"));
     }
     match warnings == doubts {
-        true => Ok(()),
+        true => Ok(true),
         false => Err(format!("warns of {warnings:?} instead of {doubts:?}")),
     }
 }
