@@ -1,5 +1,6 @@
 //! What does a local change cost? The doll's nose grows by a millimeter under four levels of subdivision, some 10 million faces; then a
-//! share of the vertices under them is moved. With two threads, everything in memory, beside what it costs to make all anew.
+//! share of the vertices under them is moved, and one of those of the skin itself. With two threads, everything in memory, beside what it
+//! costs to make all anew.
 //!
 //! At most 40 ms for the nose.
 
@@ -48,9 +49,41 @@ impl Node for Push {
     }
 }
 
+/// Moves the vertices of a mesh that are nearest to its first one.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Dent {
+    /// The mesh.
+    mesh: In<Mesh>,
+    /// The share of its vertices that is moved.
+    share: f64,
+    /// How far along z.
+    by: f64,
+}
+
+impl Node for Dent {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mesh = cx.get(&self.mesh);
+        let mut places = mesh.positions().to_vec();
+        let first = places[0];
+        let far = Vec::from_iter(places.iter().map(|place| (place - first).norm_squared()));
+        let count = (far.len() as f64 * self.share) as usize;
+        let most = match count < far.len() {
+            true => *far.clone().select_nth_unstable_by(count, f64::total_cmp).1,
+            false => f64::INFINITY,
+        };
+        let near = places.iter_mut().zip(&far).filter(|(_, far)| **far < most);
+        near.for_each(|(place, _)| place.z += self.by);
+        Ok((mesh.with_positions(places)?,))
+    }
+}
+
 const PACK: Pack = Pack {
     name: "bench",
-    nodes: &[node::<Push>()],
+    nodes: &[node::<Push>(), node::<Dent>()],
     values: &[],
     formats: &[],
     readers: &[],
@@ -81,7 +114,11 @@ fn project() -> (tempfile::TempDir, PathBuf) {
     let text = fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).expect("the graph");
     let pushed = "\"pushed\": Push(mesh: \"grid\", share: Param(\"share\"), by: Param(\"by\")),\n\
         \"pulled\": Ffd(mesh: \"skin\", mode: Displacement, space: Box, background: 0.1, accuracy: 0.00001, handles: [\n\
-            (at: (0.5, 0.6, 0.9), to: (0.5, 0.6, Param(\"pull\")), sigma: (0.03, 0.03, 0.03))]),\n";
+            (at: (0.5, 0.6, 0.9), to: (0.5, 0.6, Param(\"pull\")), sigma: (0.03, 0.03, 0.03))]),\n\
+        \"dented\": Dent(mesh: \"skin\", share: Param(\"dent\"), by: Param(\"depth\")),\n\
+        \"turned\": Transform(mesh: \"dented\", rotate: (0, 30, 0)),\n\
+        \"mirrored\": Transform(mesh: \"dented\", scale: (-1, 1, 1)),\n\
+        \"beside\": Merge(meshes: [\"dented\", \"grid\"]),\n";
     let text = text
         .replace(
             "\"skin\": Subdivide(mesh: \"grid\"",
@@ -89,7 +126,7 @@ fn project() -> (tempfile::TempDir, PathBuf) {
         )
         .replace(
             "params: {",
-            "params: { \"share\": Number(default: 0.0), \"by\": Number(default: 0.0), \"pull\": Number(default: 1.0),",
+            "params: { \"share\": Number(default: 0.0), \"by\": Number(default: 0.0), \"pull\": Number(default: 1.0), \"dent\": Number(default: 0.0), \"depth\": Number(default: 0.0),",
         );
     let path = folder.path().join("doll.ron");
     fs::write(&path, text).expect("a file");
@@ -165,6 +202,48 @@ fn warm_up() {
     memory.iter_mut().step_by(4096).for_each(|byte| *byte = 1);
 }
 
+/// Milliseconds that a node takes to follow what comes to it from another one, and to make all anew: medians of seven.
+fn followed(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] {
+    // What values share is counted for each of them.
+    let mut own = Evaluator::new(2, 16 << 30).expect("threads");
+    let mut times = [Vec::new(), Vec::new()];
+    warm_up();
+    for k in 0..=14 {
+        let graph = graph(k);
+        // Who is asked for after what comes to it was has nothing to follow.
+        if k % 2 == 0 {
+            own.evaluate_nodes(&graph, &[from]);
+        }
+        let trace = own.evaluate_nodes(&graph, &[node]).trace().0;
+        let seconds = trace.iter().find(|it| it.name == node).expect("it ran").seconds;
+        if k > 0 {
+            times[usize::from(k % 2 == 0)].push(seconds * 1e3);
+        }
+    }
+    let last = graph(13);
+    let hash = |evaluator: &mut Evaluator| {
+        evaluator.evaluate_nodes(&last, &[node]).find(&last, node, "").expect("a value").hash()
+    };
+    assert!(hash(&mut own) == hash(&mut evaluator()), "other bytes than without memory");
+    times.map(median)
+}
+
+/// Prints what nodes behind the skin take where some of its vertices move, and what blending takes where the nose grows.
+fn followers(path: &Path) {
+    let told = |node: &str, from: &str, graph: &dyn Fn(usize) -> Graph| {
+        let [followed, anew] = followed(node, from, graph);
+        format!("{node} {followed:.1} ms ({anew:.1} ms)")
+    };
+    println!("share dented   followed (anew)");
+    for share in [0.001, 0.01, 0.1, 1.0] {
+        let dented = |k: usize| load(path, &[("dent", share), ("depth", 0.01 * k as f64)]);
+        let told = ["turned", "mirrored", "beside"].map(|node| told(node, "dented", &dented));
+        println!("{:9.1} %    {}", share * 100.0, told.join(", "));
+    }
+    let grown = |k: usize| load(path, &[("growth", 12.0 + k as f64)]);
+    println!("growth by a millimeter of the grid: {}", told("blended", "surface", &grown));
+}
+
 fn main() {
     let (_folder, path) = project();
     println!("local change of the doll, levels 4; two threads, medians of {SAMPLES}");
@@ -221,4 +300,6 @@ fn main() {
         let anew = median(anew.iter().map(|(time, _)| *time).collect());
         println!("{:9.1} %   {time:5.1} ms   {anew:5.1} ms", share * 100.0);
     }
+
+    followers(&path);
 }

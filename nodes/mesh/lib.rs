@@ -3,6 +3,7 @@
 use maquette::Pack;
 
 mod common_frame;
+mod followed;
 mod merge;
 mod merge_error;
 mod motion;

@@ -3,12 +3,13 @@
 use std::collections::BTreeSet;
 
 use maquette::value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Promise, Value};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Promise, Value};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::common_frame::common_frame;
+use super::followed::{Part, followed};
 use super::merge_error::MergeError;
 use super::motion::Motion;
 use super::moved_mesh::moved_mesh;
@@ -46,6 +47,30 @@ impl Node for Merge {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let meshes: Vec<&Mesh> = self.meshes.iter().map(|mesh| cx.get(mesh)).collect();
+        self.warn(&meshes, cx);
+        Ok((merge(&meshes, self.poses)?,))
+    }
+
+    /// Where only vertices of some meshes have moved, moves these.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let meshes = Vec::from_iter(self.meshes.iter().map(|mesh| cx.get(mesh)));
+        let before = Vec::from_iter(self.meshes.iter().map(|mesh| previous.get(mesh)));
+        let Some(made) = previous.output(0) else { return Ok(None) };
+        let followed = follow(&meshes, &before, made, self.poses);
+        if followed.is_some() {
+            self.warn(&meshes, cx);
+        }
+        Ok(followed.map(|mesh| (mesh,)))
+    }
+}
+
+impl Merge {
+    /// Tells what of the meshes does not fit together.
+    fn warn(&self, meshes: &[&Mesh], cx: &Context<'_>) {
         if meshes.is_empty() {
             cx.warn("the mesh is empty: there are no meshes to merge");
         }
@@ -61,10 +86,9 @@ impl Node for Merge {
         if stay && 0 < in_capture && in_capture < meshes.len() {
             cx.warn("some meshes have y down, as captures do, and others y up");
         }
-        if !same_picture(&meshes) {
+        if !same_picture(meshes) {
             cx.warn("not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie");
         }
-        Ok((merge(&meshes, self.poses)?,))
     }
 }
 
@@ -98,25 +122,48 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
         "the merged mesh",
         meshes.iter().map(|mesh| (mesh.size() - picture(mesh)) as f64).sum(),
     )?;
-    let applied = nowhere.is_none() && poses != Poses::Ignore;
-    let same_picture = same_picture(meshes);
-    let parts: Vec<Mesh> = meshes
-        .iter()
-        .map(|&mesh| {
-            let part = if same_picture { mesh.clone() } else { painted(mesh)? };
-            match pose(&mesh).filter(|_| applied) {
-                Some(pose) => moved_mesh(&part, &motion(pose)),
-                None => Ok(part),
-            }
-        })
-        .collect::<Result<_, _>>()?;
-    let frames: Vec<Option<CaptureFrame>> =
-        meshes.iter().map(|mesh| mesh.frame().copied()).collect();
+    let (motions, same_picture) = (motions(meshes, poses), same_picture(meshes));
+    let part = |(&mesh, motion): (&&Mesh, &Option<Motion>)| {
+        let part = if same_picture { mesh.clone() } else { painted(mesh)? };
+        match motion {
+            Some(motion) => moved_mesh(&part, motion),
+            None => Ok(part),
+        }
+    };
+    let parts = meshes.iter().zip(&motions).map(part).collect::<Result<Vec<Mesh>, _>>()?;
     let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
         .with_creases(creases(&parts))?
         .with_texture(first.texture().filter(|_| same_picture).cloned())
-        .with_frame(common_frame(&frames).filter(|_| !applied));
+        .with_frame(frame(meshes, &motions));
     with_attributes(merged, &parts)
+}
+
+/// What [`merge`] makes of meshes, made of what it made of them before; none if more than places and normals of vertices, a common picture
+/// and frames has changed.
+fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Option<Mesh> {
+    let (first, motions) = (meshes.first()?, motions(meshes, poses));
+    let bits = |mesh: &&Mesh| pose(mesh).map(|pose| pose.map(f64::to_bits));
+    let same_poses = meshes.iter().map(bits).eq(before.iter().map(bits));
+    if !same_poses || !same_picture(meshes) || !same_picture(before) {
+        return None;
+    }
+    let parts = before.iter().zip(meshes).zip(&motions);
+    let parts = parts.map(|((&before, &now), &motion)| Part { before, now, motion });
+    let followed = followed(made, &Vec::from_iter(parts), 1.0)?;
+    Some(followed.with_texture(first.texture().cloned()).with_frame(frame(meshes, &motions)))
+}
+
+/// How each mesh is moved, if all are.
+fn motions(meshes: &[&Mesh], poses: Poses) -> Vec<Option<Motion>> {
+    let all = Vec::from_iter(meshes.iter().map(|mesh| pose(mesh).map(motion)));
+    let applied = poses != Poses::Ignore && all.iter().all(Option::is_some);
+    if applied { all } else { vec![None; meshes.len()] }
+}
+
+/// The frame of the merged mesh.
+fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
+    let frames = Vec::from_iter(meshes.iter().map(|mesh| mesh.frame().copied()));
+    common_frame(&frames).filter(|_| motions.contains(&None))
 }
 
 /// Whether all meshes have the same picture, or none has one.
@@ -334,6 +381,34 @@ mod tests {
         assert_eq!(error, MergeError::NoPose { mesh: 2 });
         let mixed = merge(&[&first, &square(0.0, true)], Poses::Auto).unwrap();
         assert_eq!(mixed.frame(), None);
+    }
+
+    #[test]
+    fn vertices_that_have_moved_are_found_behind_those_of_other_meshes() {
+        let normals = Attribute::Vector(vec![[0.0, 0.6, 0.8]; 4].into());
+        let square = |pose| {
+            let mesh = square(0.0, true).with_creases([([0, 1], 2.0)]).unwrap();
+            with_pose(mesh.with_vertex("normal", normals.clone()).unwrap(), pose)
+        };
+        for pose in [None, Some(upright(9.0))] {
+            let before = [square(pose), square(pose), square(pose)];
+            let mut now = before.clone();
+            let places = [Point3::new(1., 7., 3.), Point3::origin(), Point3::new(2., -0., 4.)];
+            let rows = Attribute::Vector(vec![[1., 0., 0.]; 4].into());
+            now[1] = now[1].with_moved(&[0..2, 3..4], &places).unwrap();
+            now[1] = now[1].clone().with_vertex("normal", rows).unwrap();
+            let frame = CaptureFrame { depth: 6.0, ..*before[1].frame().unwrap() };
+            now[2] = now[2].clone().with_frame(Some(frame));
+            let [before, now] = [&before, &now].map(Vec::from_iter);
+            let [made, expected] =
+                [&before, &now].map(|meshes| merge(meshes, Poses::Auto).unwrap());
+            let followed = follow(&now, &before, &made, Poses::Auto).unwrap();
+            assert_eq!(maquette::hash_of(&followed), maquette::hash_of(&expected));
+            let none = with_pose(now[0].clone(), pose.is_none().then(|| upright(1.0)));
+            assert_eq!(follow(&[&none; 3], &before, &made, Poses::Apply), None);
+            let painted = now[0].clone().with_face("mixed", flags(&[1, 0])).unwrap();
+            assert_eq!(follow(&[&painted, now[1], now[2]], &before, &made, Poses::Auto), None);
+        }
     }
 
     #[test]

@@ -83,6 +83,11 @@ impl Motion {
         })
     }
 
+    /// Whether a left hand becomes a right one.
+    pub(super) fn is_mirror(&self) -> bool {
+        self.linear.determinant() < 0.0
+    }
+
     pub(super) fn is_identity(&self) -> bool {
         self.linear == Matrix3::identity() && self.shift == Vector3::zeros()
     }

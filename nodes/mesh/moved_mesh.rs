@@ -5,15 +5,14 @@ use maquette::value::{Attribute, CaptureFrame, Mesh, MeshError};
 use super::motion::Motion;
 use super::turned_faces::turned_faces;
 
+/// What is left of a mesh's frame when it has moved.
+pub(super) fn moved_frame(mesh: &Mesh) -> Option<CaptureFrame> {
+    Some(CaptureFrame { camera: None, world_from_camera: None, ..*mesh.frame()? })
+}
+
 pub(super) fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError> {
-    let mut moved = mesh.with_positions(motion.apply_all(mesh.positions()))?;
-    if let Some(frame) = mesh.frame() {
-        moved = moved.with_frame(Some(CaptureFrame {
-            camera: None,
-            world_from_camera: None,
-            ..*frame
-        }));
-    }
+    let moved = mesh.with_positions(motion.apply_all(mesh.positions()))?;
+    let mut moved = moved.with_frame(moved_frame(mesh));
     if let Some(turn) = motion.normals() {
         if let Some(normals) = mesh.vertex().vectors("normal") {
             let normals = normals.iter().map(&turn).collect();
@@ -24,7 +23,7 @@ pub(super) fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError
             moved = moved.with_corner("normal", Attribute::Vector(normals))?;
         }
     }
-    match motion.linear.determinant() < 0.0 {
+    match motion.is_mirror() {
         true => turned_faces(&moved, &vec![true; moved.faces().len()]),
         false => Ok(moved),
     }

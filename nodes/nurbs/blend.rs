@@ -1,8 +1,10 @@
 //! Writes a surface back to the range grid that it came from.
 
 use maquette::parallel::*;
-use maquette::value::{Mask, RangeImage, Region, Surface};
-use maquette::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress};
+use maquette::value::{Mask, Pinhole, RangeImage, Region, Surface};
+use maquette::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress,
+};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,19 +64,25 @@ impl Node for Blend {
         let (range, region, surface) =
             (cx.get(&self.range), cx.get(&self.region), cx.get(&self.surface));
         let blended = blend(range, region, surface, self.mode, self.resample, cx.progress())?;
-        if blended.folded > 0 {
-            cx.warn(format!(
-                "{} changed cells lie in front of each other, seen from the sensor",
-                blended.folded
-            ));
-        }
-        if let Some(seam) = blended.seam.filter(Seam::is_visible) {
-            cx.warn(format!(
-                "the surface leaves a step of {:.2} mm at the region's border, where cells are {:.2} mm apart",
-                seam.step, seam.spacing
-            ));
-        }
+        blended.warn(cx);
         Ok((blended.range,))
+    }
+
+    /// Where only the surface is another, writes it to the same cells: what is around them does not hang on it.
+    fn update(
+        &self,
+        cx: &Context<'_>,
+        previous: &Previous<'_>,
+    ) -> Result<Option<Self::Outputs>, Error> {
+        let same = previous.is_same(cx, &self.range) && previous.is_same(cx, &self.region);
+        let Some(made) = previous.output(0).filter(|_| same && self.resample == [1, 1]) else {
+            return Ok(None);
+        };
+        let (range, region, surface) =
+            (cx.get(&self.range), cx.get(&self.region), cx.get(&self.surface));
+        let blended = follow(range, region, surface, self.mode, made)?;
+        blended.warn(cx);
+        Ok(Some((blended.range,)))
     }
 }
 
@@ -88,6 +96,23 @@ pub struct Blended {
     /// The step that the surface leaves at the border of the region; none for the mode `Displacement`, whose step is that of the
     /// offset, and on a finer grid.
     pub seam: Option<Seam>,
+}
+
+impl Blended {
+    fn warn(&self, cx: &Context<'_>) {
+        if self.folded > 0 {
+            cx.warn(format!(
+                "{} changed cells lie in front of each other, seen from the sensor",
+                self.folded
+            ));
+        }
+        if let Some(seam) = self.seam.filter(Seam::is_visible) {
+            cx.warn(format!(
+                "the surface leaves a step of {:.2} mm at the region's border, where cells are {:.2} mm apart",
+                seam.step, seam.spacing
+            ));
+        }
+    }
 }
 
 /// How many cells a grid has after each was divided.
@@ -138,15 +163,8 @@ pub fn blend(
     } else {
         (same, own)
     };
-    let changes = changes(&canvas, surface, mode)?;
-    let mut points = canvas.points.clone();
-    changes.iter().for_each(|&(cell, point)| points[cell] = point);
-    let changed: Vec<usize> = changes.iter().map(|(cell, _)| *cell).collect();
-    let camera = range.camera();
-    let folded = folded_cells(canvas.width, &canvas.points, &points, &changed, camera);
-    let replaces = mode != BlendMode::Displacement && !divided;
-    let seam = replaces.then(|| seam(region, &canvas.points, &points));
-
+    let seamed = (mode != BlendMode::Displacement && !divided).then_some(region);
+    let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
     let cells = 0..range.points().len();
     let mut filled = Vec::from_iter(cells.map(|cell| u8::from(range.is_filled(cell))));
     let new = region.cells().iter().zip(region.filled());
@@ -162,6 +180,54 @@ pub fn blend(
     };
     let joined = joined(&canvas, &own, &range);
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
+}
+
+/// What [`blend`] makes on the same grid, made of the range image that it `made` of another surface.
+fn follow(
+    range: &RangeImage,
+    region: &Region,
+    surface: &Surface,
+    mode: BlendMode,
+    made: &RangeImage,
+) -> Result<Blended, BlendError> {
+    let mut canvas = Canvas::new(range, region, surface, mode)?;
+    // Shadows have been filled.
+    let cells = canvas.points.par_iter_mut().zip(made.points()).with_min_len(16384);
+    cells.for_each(|(point, made)| {
+        if point.x.is_nan() {
+            *point = *made;
+        }
+    });
+    let seamed = (mode != BlendMode::Displacement).then_some(region);
+    let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
+    let runs = region.cells().chunk_by(|before, cell| before + 1 == *cell);
+    let rows = Vec::from_iter(runs.map(|run| run[0]..run[0] + run.len() as u32));
+    let moved = region.cells().iter().map(|&cell| points[cell as usize]).collect();
+    Ok(Blended { range: made.with_moved(&rows, moved), folded, seam })
+}
+
+/// A surface as it is written to a canvas.
+struct Written {
+    points: Vec<Point3<f64>>,
+    folded: usize,
+    seam: Option<Seam>,
+}
+
+/// Writes a surface to the cells of a canvas; the seam is that with what is around a region.
+fn written(
+    canvas: &Canvas,
+    surface: &Surface,
+    mode: BlendMode,
+    camera: Option<&Pinhole>,
+    region: Option<&Region>,
+) -> Result<Written, BlendError> {
+    let changes = changes(canvas, surface, mode)?;
+    let mut points = canvas.points.clone();
+    changes.iter().for_each(|&(cell, point)| points[cell] = point);
+    let changed: Vec<usize> = changes.iter().map(|(cell, _)| *cell).collect();
+    let folded = folded_cells(canvas.width, &canvas.points, &points, &changed, camera);
+    let seam = region.map(|region| seam(region, &canvas.points, &points));
+    Ok(Written { points, folded, seam })
 }
 
 /// Slits, and shadows of which all cells are at most so far from the region, lie beside it, though they do not touch it.

@@ -1,6 +1,6 @@
 //! What a node is given of its last run.
 
-use super::{In, PortType, at_port};
+use super::{Context, In, PortType, at_port};
 use crate::value::{AnyValue, Value};
 
 /// What came to a node, and what it gave, when it ran with the same parameters and files.
@@ -13,6 +13,11 @@ impl Previous<'_> {
     /// The value that was at a port.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
         at_port(self.inputs, port)
+    }
+
+    /// Whether the value that is at a port now was there before, too.
+    pub fn is_same<T: PortType>(&self, cx: &Context<'_>, port: &In<T>) -> bool {
+        cx.inputs[port.slot].hash() == self.inputs[port.slot].hash()
     }
 
     /// The value of an output, the first one being 0; none if there is no such output, or it is no `T`.

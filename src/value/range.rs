@@ -12,6 +12,7 @@ use super::{
     Pinhole, Property, Registration, Rgb, Summary, Value,
 };
 
+mod moved;
 mod parts;
 
 /// Why a range image is not what was asked for.
@@ -59,11 +60,7 @@ impl RangeImage {
         mut points: Vec<Point3<f64>>,
     ) -> Result<Self, SizeError> {
         check_size(width, height, points.len())?;
-        points.par_iter_mut().with_min_len(16384).for_each(|point| {
-            if !point.coords.iter().all(|x| x.is_finite()) {
-                *point = NO_POINT;
-            }
-        });
+        without_half_points(&mut points);
         Ok(Self {
             width,
             height,
@@ -223,6 +220,15 @@ impl RangeImage {
             world_from_camera: self.world_from_camera,
         })
     }
+}
+
+/// Has a point be finite in all coordinates, or in none.
+fn without_half_points(points: &mut [Point3<f64>]) {
+    points.par_iter_mut().with_min_len(16384).for_each(|point| {
+        if !point.coords.iter().all(|x| x.is_finite()) {
+            *point = NO_POINT;
+        }
+    });
 }
 
 impl Value for RangeImage {

@@ -1,7 +1,7 @@
 //! Tests of `blend`.
 
-use maquette::Progress;
 use maquette::value::{self, Pinhole};
+use maquette::{Progress, hash_of};
 use nalgebra::Unit;
 
 use super::super::control_net::tests::{range, region};
@@ -106,6 +106,26 @@ fn cells_outside_of_the_region_keep_every_bit() {
             changed += usize::from(!same);
         }
         assert!(changed > 100, "{mode:?}");
+    }
+}
+
+#[test]
+fn another_surface_is_written_to_the_range_image_that_was_made() {
+    let (range, nose) = face();
+    let mut points = range.points().to_vec();
+    let beside = (20 * 49 + 24..).find(|cell| !nose.cells().contains(cell)).unwrap();
+    for cell in [beside as usize, beside as usize + 1, 22 * 49 + 24] {
+        points[cell] = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+    }
+    let range = range.with_points(points).unwrap();
+    let [before, now] = [3.0, 30.0].map(|by| surface(&range, &nose, NetMethod::Grid, 3, by));
+    for mode in ALL_MODES {
+        let [made, expected] = [&before, &now]
+            .map(|surface| blend(&range, &nose, surface, mode, [1, 1], &Progress::none()).unwrap());
+        let followed = follow(&range, &nose, &now, mode, &made.range).unwrap();
+        assert_eq!(hash_of(&followed.range), hash_of(&expected.range), "{mode:?}");
+        assert_eq!((followed.folded, followed.seam), (expected.folded, expected.seam), "{mode:?}");
+        assert!(followed.range.is_filled(beside as usize));
     }
 }
 
