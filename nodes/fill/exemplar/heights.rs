@@ -28,9 +28,9 @@ pub(super) struct Lattice {
     count: usize,
 }
 
-/// Some nodes of a lattice that lie in its disk, all in the same columns or rows around the middle, or farther than those.
+/// At most [`LANES`] nodes of a lattice that lie in its disk, all on one square around the middle.
 struct Nodes {
-    /// Their indices; as many are nodes as there are.
+    /// Their indices; lanes that are left over have none.
     indices: Vec<usize>,
     /// The nodes one step nearer to the middle.
     inner: [usize; LANES],
