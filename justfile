@@ -46,6 +46,10 @@ files:
 solids:
     bash tests/oracles/solids/run
 
+# Do processors with fewer instructions give the same bytes? All tests of graphs on two that are emulated (Debian: qemu-user), ten minutes.
+processors *args:
+    bash tests/oracles/processors/run {{args}}
+
 # Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
 law sequences="1000000":
     LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law
