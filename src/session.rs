@@ -310,7 +310,7 @@ impl Session {
     /// Notes something of a file or folder on disk, if results are kept there.
     pub(crate) fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
         if let Some(disk) = self.evaluator.disk() {
-            disk.keep_note(of, note());
+            disk.keep_note(of, note(), Vec::new());
         }
     }
 

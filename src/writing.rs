@@ -25,7 +25,7 @@ mod spare;
 mod temporary;
 mod turn;
 
-pub(crate) use large::write_at;
+pub(crate) use large::{bring_to_disk, write_at};
 #[cfg(feature = "cli")]
 pub(crate) use shelf::Shelf;
 pub(crate) use sources::Sources;

@@ -199,10 +199,10 @@ impl Disk {
         self.store.read(&self.store.path_of("outputs", folder))
     }
 
-    /// Keeps a note of a folder of outputs.
-    pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>) {
+    /// Keeps a note of a folder of outputs, when these files are on disk.
+    pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>, files: Vec<PathBuf>) {
         let path = self.store.path_of("outputs", folder);
-        self.writer.send(Job::Note { path, note });
+        self.writer.send(Job::Note { path, note, files });
     }
 
     /// What the last evaluation of the graph at this path found, and the files that it read.

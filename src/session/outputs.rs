@@ -198,8 +198,13 @@ impl OutputFolder {
 
     /// Tells the next process what is known of the files in the folder.
     pub(super) fn keep(&self, evaluator: &Evaluator) {
-        if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*self.lock())) {
-            disk.keep_note(&self.folder, note);
+        let known = self.lock();
+        if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*known)) {
+            // What is written over an older file would have the right length and time, if the machine stopped before it is on disk.
+            let files = known.values().flat_map(|known| known.files.iter().zip(&known.again));
+            let over = files.filter(|(_, again)| !again.pieces.is_empty());
+            let over = over.map(|((file, _), _)| file.path.clone()).collect();
+            disk.keep_note(&self.folder, note, over);
         }
     }
 

@@ -33,6 +33,11 @@ pub(super) fn mark(file: &File, len: usize) -> io::Result<()> {
     if LARGE <= len { file.set_modified(SystemTime::now()) } else { Ok(()) }
 }
 
+/// Waits until the content of a file is on disk.
+pub(crate) fn bring_to_disk(path: &Path) -> io::Result<()> {
+    File::open(path)?.sync_data()
+}
+
 /// A file that is about to be replaced by a large one. The system gives back what it holds of it when nobody has it open any more.
 pub(super) struct Old(Option<File>);
 

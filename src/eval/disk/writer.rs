@@ -12,6 +12,7 @@ use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
 use crate::files::KnownFile;
 use crate::value::{AnyValue, Hash};
+use crate::writing::bring_to_disk;
 
 /// Something to write.
 pub(super) enum Job {
@@ -27,9 +28,11 @@ pub(super) enum Job {
         snapshot: Arc<Snapshot>,
         files: Vec<KnownFile>,
     },
+    /// What is noted of some files, which are on disk before it is.
     Note {
         path: PathBuf,
         note: Vec<u8>,
+        files: Vec<PathBuf>,
     },
     /// Everything before is written: say so.
     Done(Sender<()>),
@@ -135,7 +138,11 @@ impl Job {
                 // An evaluation has ended.
                 store.tidy();
             }
-            Self::Note { path, note } => store.write_checked(&path, &note),
+            Self::Note { path, note, files } => {
+                if files.iter().all(|file| bring_to_disk(file).is_ok()) {
+                    store.write_checked(&path, &note);
+                }
+            }
             Self::Done(sender) => drop(sender.send(())),
         }
     }
