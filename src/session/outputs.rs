@@ -208,6 +208,12 @@ impl OutputFolder {
         }
     }
 
+    /// Removes what was kept beside large files to write them again.
+    #[cfg(feature = "cli")]
+    pub(crate) fn let_go(&self) {
+        self.lock().values_mut().for_each(|known| known.again.clear());
+    }
+
     /// The nodes whose values must be had to write these outputs: not those of files that are known to be right.
     pub(super) fn nodes_to_write(
         &self,

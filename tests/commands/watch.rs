@@ -435,6 +435,23 @@ fn ctrl_c_ends_a_watch_and_a_run_and_leaves_nothing_half_written() {
     project.assert_no_temporary_file();
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_kept_beside_a_large_file_goes_with_its_watch() {
+    let project = Project::doll();
+    let mut watch = project.watch(&[]);
+    for growth in [13.0, 14.0, 15.0, 16.0] {
+        let text = project.doll_text(growth);
+        project.save(&text.replace("Integer(default: 1", "Integer(default: 3"));
+        watch.run_until_ok();
+    }
+    let names = std::fs::read_dir(project.folder().join("out")).unwrap();
+    let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    assert_eq!(names.filter(|name| name.starts_with('.')).count(), 2, "of GLB and PLY");
+    watch.end();
+    project.assert_no_temporary_file();
+}
+
 #[test]
 fn run_tells_events_too() {
     let project = Project::doll();

@@ -88,6 +88,7 @@ pub(super) type Observe = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 /// Evaluates one job after the other, always with the same evaluator, whose cache knows what is still valid.
 pub(super) struct Worker {
     jobs: Sender<Job>,
+    wishes: Arc<Wishes>,
 }
 
 impl Worker {
@@ -98,7 +99,9 @@ impl Worker {
         sink: impl Fn(Report) + Send + 'static,
     ) -> Self {
         session.recall(&wishes.folder);
+        let wishes = Arc::new(wishes);
         let (jobs, receiver) = channel::<Job>();
+        let of_all = wishes.clone();
         std::thread::spawn(move || {
             let mut last = Seen::new();
             let mut kept = session.memory();
@@ -108,7 +111,7 @@ impl Worker {
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    evaluate(&job, &mut session, &mut kept, &wishes, &*observer, &mut last)
+                    evaluate(&job, &mut session, &mut kept, &of_all, &*observer, &mut last)
                 }));
                 sink(report.unwrap_or_else(|panic| {
                     // What it was about to remember may be half of something.
@@ -119,12 +122,19 @@ impl Worker {
             // The process ends here; giving the memory back piece by piece would only take time.
             std::mem::forget(session);
         });
-        Self { jobs }
+        Self { jobs, wishes }
     }
 
     pub(super) fn start(&self, job: Job) {
         // The thread lives as long as this.
         let _ = self.jobs.send(job);
+    }
+}
+
+/// The thread ends with the process, and does not get to it.
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.wishes.folder.let_go();
     }
 }
 
