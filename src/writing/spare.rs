@@ -95,7 +95,7 @@ fn exchange(_: &Path, _: &Path) -> io::Result<()> {
 
 /// Whether nobody but us has a file open or mapped, as far as the system tells: it gives a lease to write only then.
 #[cfg(target_os = "linux")]
-fn is_open_only_here(file: &File) -> bool {
+pub(super) fn is_open_only_here(file: &File) -> bool {
     use std::os::fd::AsRawFd;
     /// Which signal tells that somebody opens it while we have the lease: one that nobody minds.
     const F_SETSIG: libc::c_int = 10;
