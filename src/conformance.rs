@@ -287,6 +287,12 @@ fn change(
             };
             changes.extend(others.map(text));
         }
+        Json::Array(items) => {
+            // Lists may be long, and their entries are alike.
+            for (place, item) in items.iter().take(4).enumerate() {
+                change(item, &schema["items"], root, &format!("{path}.{place}"), changes);
+            }
+        }
         Json::Object(entries) => {
             let choices = variants(&schema);
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
@@ -454,6 +460,7 @@ mod tests {
     #[derive(Serialize, JsonSchema)]
     struct Limits {
         count: u32,
+        at: [f64; 2],
     }
 
     #[test]
@@ -461,7 +468,7 @@ mod tests {
         let node = Heal {
             holes: Holes::Region(Region::Ball { radius: 2.0, hard: false }),
             method: Some(Method::Exemplar(Exemplar { levels: 3, start: Start::Plate })),
-            limits: Limits { count: 5 },
+            limits: Limits { count: 5, at: [1.0, 0.0] },
         };
         let schema = Json::from(schemars::schema_for!(Heal));
         let changes = changes(&serde_json::to_value(&node).unwrap(), &schema);
@@ -480,6 +487,11 @@ mod tests {
                 "count 6",
                 "count 4",
                 "count -5",
+                "at.0 1.125",
+                "at.0 0.875",
+                "at.0 -1",
+                "at.1 0.125",
+                "at.1 -0.125",
             ]
         );
     }

@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 
 mod files;
 
-pub(crate) use files::{Found, comment_of_ply, extras_of_glb, find, padded, sign};
+pub(crate) use files::{Found, comment_of_obj, comment_of_ply, extras_of_glb, find, padded, sign};
 
 /// What is put into the files of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]

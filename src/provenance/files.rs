@@ -32,7 +32,7 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
         "step" => {
             line_behind(bytes, b"ISO-10303-21;\nHEADER;\n", &format!("/* {KEY} {words} */\n"))
         }
-        "obj" | "mtl" => Some((0, 0, format!("# {KEY} {words}\n").into_bytes())),
+        "obj" | "mtl" => Some((0, 0, comment_of_obj(words).into_bytes())),
         "stl" => stl(bytes, hash),
         "3mf" => zip(bytes, words),
         "tiff" => tiff(bytes, words),
@@ -50,6 +50,11 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
 /// The second line of a PLY file that tells these words.
 pub(crate) fn comment_of_ply(words: &str) -> String {
     padded(format!("comment {KEY} {words}")) + "\n"
+}
+
+/// The first line of an OBJ or MTL file that tells these words.
+pub(crate) fn comment_of_obj(words: &str) -> String {
+    format!("# {KEY} {words}\n")
 }
 
 /// With spaces at the end: another number among the words does not move all that follows, so that a file that is written again is made anew

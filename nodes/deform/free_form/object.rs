@@ -62,20 +62,28 @@ impl Kernel for Span<'_> {
     fn run(self) {
         const LANES: usize = 8;
         let [mut low, mut high] = self.found.map(|found| [found; LANES]);
-        for points in self.points.chunks(LANES) {
+        let (blocks, rest) = self.points.as_chunks::<LANES>();
+        // Blocks of a known length stay in registers.
+        for points in blocks {
             for ((low, high), point) in low.iter_mut().zip(&mut high).zip(points) {
-                for axis in 0..3 {
-                    let x = point[axis];
-                    low[axis] = if x < low[axis] { x } else { low[axis] };
-                    high[axis] = if high[axis] < x { x } else { high[axis] };
-                }
+                extend(low, high, point);
             }
         }
+        rest.iter().for_each(|point| extend(&mut low[0], &mut high[0], point));
         for axis in 0..3 {
             self.found[0][axis] = low.iter().map(|low| low[axis]).fold(f64::INFINITY, f64::min);
             self.found[1][axis] =
                 high.iter().map(|high| high[axis]).fold(f64::NEG_INFINITY, f64::max);
         }
+    }
+}
+
+#[inline(always)]
+fn extend(low: &mut [f64; 3], high: &mut [f64; 3], point: &Point3<f64>) {
+    for axis in 0..3 {
+        let x = point[axis];
+        low[axis] = if x < low[axis] { x } else { low[axis] };
+        high[axis] = if high[axis] < x { x } else { high[axis] };
     }
 }
 

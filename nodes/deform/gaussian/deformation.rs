@@ -9,6 +9,7 @@
 //! far away that W vanishes is computed again with the greatest exponent taken off all of them.
 
 use std::f64::consts::LN_2;
+use std::marker::PhantomData;
 
 use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -95,12 +96,12 @@ impl Deformation {
         assert_eq!(points.len(), moved.len(), "one result per point");
         match jacobians {
             None if all_are_normal(terms, points) => {
-                widest(Positions(self, terms, points, moved, Normal));
+                run::<Normal>(Positions(self, terms, points, moved));
             }
-            None => widest(Positions(self, terms, points, moved, Any)),
+            None => run::<Any>(Positions(self, terms, points, moved)),
             Some(jacobians) => {
                 assert_eq!(points.len(), jacobians.len(), "one derivative per point");
-                widest(Jacobians { deformation: self, terms, points, moved, jacobians });
+                run::<Any>(Jacobians { deformation: self, terms, points, moved, jacobians });
             }
         }
     }
@@ -119,14 +120,14 @@ impl Deformation {
         near: &mut Near,
     ) {
         let scattered = Scattered { deformation: self, terms, members, points, moved, near };
-        if roughly { widest(By(scattered, Rough)) } else { widest(By(scattered, Any)) }
+        if roughly { run::<Rough>(scattered) } else { run::<Any>(scattered) }
     }
 
     #[inline(always)]
     fn moved<const N: usize>(
         &self,
         point: Point3<f64>,
-        sums: &Sums<N>,
+        sums: &Sums<N, 0>,
         lane: usize,
     ) -> Point3<f64> {
         (self.base.at(point.coords) + sums.value(lane) * (1.0 / sums.total.0[lane])).into()
@@ -166,6 +167,68 @@ impl Power for Rough {
     }
 }
 
+/// How the exponent of a term is taken, which is what its Gaussian alone says: one that is equally wide along all axes needs fewer
+/// operations, and a list of such terms no choice.
+trait Shape {
+    /// The exponent of 2 at a point with this offset from the center.
+    fn exponent(bump: &Bump, offset: [f64; 3]) -> f64;
+}
+
+struct Round;
+
+impl Shape for Round {
+    #[inline(always)]
+    fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+        level + factor[0] * (dx * dx + dy * dy + dz * dz)
+    }
+}
+
+struct Stretched;
+
+impl Shape for Stretched {
+    #[inline(always)]
+    fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+        (level + dx * (dx * factor[0])) + (dy * (dy * factor[1]) + dz * (dz * factor[2]))
+    }
+}
+
+struct Mixed;
+
+impl Shape for Mixed {
+    #[inline(always)]
+    fn exponent(bump: &Bump, offset: [f64; 3]) -> f64 {
+        let [round, stretched] =
+            [Round::exponent(bump, offset), Stretched::exponent(bump, offset)];
+        if bump.is_round() { round } else { stretched }
+    }
+}
+
+/// What is done with terms, whatever their powers and shapes are.
+trait Work {
+    fn terms(&self) -> &[Term];
+    fn run<P: Power, S: Shape>(self);
+}
+
+/// A work with its choices made.
+struct By<W, P, S>(W, PhantomData<(P, S)>);
+
+impl<W: Work, P: Power, S: Shape> Kernel for By<W, P, S> {
+    #[inline(always)]
+    fn run(self) {
+        self.0.run::<P, S>();
+    }
+}
+
+fn run<P: Power>(work: impl Work) {
+    let (round, stretched) = (PhantomData::<(P, Round)>, PhantomData::<(P, Stretched)>);
+    let count = work.terms().iter().filter(|term| term.bump.is_round()).count();
+    match work.terms().len() {
+        all if count == all => widest(By(work, round)),
+        _ if count == 0 => widest(By(work, stretched)),
+        _ => widest(By(work, PhantomData::<(P, Mixed)>)),
+    }
+}
+
 /// Whether no power of a term at any of the points is too small to have all its digits; not looked for at a few points.
 fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     if points.len() < 512 {
@@ -187,15 +250,19 @@ fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     terms.iter().all(|term| least(term) > simd::LEAST + 1.0)
 }
 
-/// The points, and where they go.
-struct Positions<'a, P>(&'a Deformation, &'a [Term], &'a [Point3<f64>], &'a mut [Point3<f64>], P);
+/// The terms, the points, and where they go.
+struct Positions<'a>(&'a Deformation, &'a [Term], &'a [Point3<f64>], &'a mut [Point3<f64>]);
 
-impl<P: Power> Kernel for Positions<'_, P> {
+impl Work for Positions<'_> {
+    fn terms(&self) -> &[Term] {
+        self.1
+    }
+
     #[inline(always)]
-    fn run(self) {
-        let Self(deformation, terms, points, moved, _) = self;
+    fn run<P: Power, S: Shape>(self) {
+        let Self(deformation, terms, points, moved) = self;
         for (points, moved) in points.chunks(LANES).zip(moved.chunks_mut(LANES)) {
-            let sums = sums::<LANES, false, P>(terms, deformation.background, &columns(points));
+            let sums = sums::<LANES, 0, P, S>(terms, deformation.background, &columns(points));
             for (lane, (point, moved)) in points.iter().zip(moved).enumerate() {
                 *moved = deformation.moved(*point, &sums, lane);
             }
@@ -220,13 +287,14 @@ struct Scattered<'a> {
     near: &'a mut Near,
 }
 
-/// By powers taken like this.
-struct By<'a, P>(Scattered<'a>, P);
+impl Work for Scattered<'_> {
+    fn terms(&self) -> &[Term] {
+        self.terms
+    }
 
-impl<P: Power> Kernel for By<'_, P> {
     #[inline(always)]
-    fn run(self) {
-        let Scattered { deformation, terms, members, points, moved, near } = self.0;
+    fn run<P: Power, S: Shape>(self) {
+        let Self { deformation, terms, members, points, moved, near } = self;
         for members in members.chunks(near.len() * LANES) {
             let last = members[members.len() - 1];
             // Lanes that are left get the last point again.
@@ -235,7 +303,7 @@ impl<P: Power> Kernel for By<'_, P> {
                 (0..3).for_each(|axis| near[k / LANES][axis].0[k % LANES] = point[axis]);
             }
             for (x, members) in near.iter().zip(members.chunks(LANES)) {
-                let sums = sums::<LANES, false, P>(terms, deformation.background, x);
+                let sums = sums::<LANES, 0, P, S>(terms, deformation.background, x);
                 for (lane, &member) in members.iter().enumerate() {
                     let point = Point3::from(x.each_ref().map(|x| x.0[lane]));
                     moved[member as usize] = deformation.moved(point, &sums, lane);
@@ -253,15 +321,19 @@ struct Jacobians<'a> {
     jacobians: &'a mut [Matrix3<f64>],
 }
 
-impl Kernel for Jacobians<'_> {
+impl Work for Jacobians<'_> {
+    fn terms(&self) -> &[Term] {
+        self.terms
+    }
+
     #[inline(always)]
-    fn run(self) {
+    fn run<P: Power, S: Shape>(self) {
         let Self { deformation, terms, points, moved, jacobians } = self;
         let derivative = deformation.base.derivative();
         let chunks = points.chunks(LANES).zip(moved.chunks_mut(LANES));
         for ((points, moved), jacobians) in chunks.zip(jacobians.chunks_mut(LANES)) {
             let x = columns(points);
-            let sums = sums::<LANES, true, Any>(terms, deformation.background, &x);
+            let sums = sums::<LANES, 3, P, S>(terms, deformation.background, &x);
             for (lane, (point, (moved, jacobian))) in
                 points.iter().zip(moved.iter_mut().zip(jacobians)).enumerate()
             {
@@ -288,19 +360,25 @@ fn columns<const N: usize>(points: &[Point3<f64>]) -> [Lanes<N>; 3] {
     columns
 }
 
-/// The sums over all terms, for `N` points.
-struct Sums<const N: usize> {
+/// The sums over all terms, for `N` points: those of the derivatives are by axis, 3 or, where they are not wanted, 0.
+struct Sums<const N: usize, const DERIVATIVES: usize> {
     total: Lanes<N>,
     value: [Lanes<N>; 3],
-    slope: [Lanes<N>; 3],
-    product: [[Lanes<N>; 3]; 3],
+    slope: [Lanes<N>; DERIVATIVES],
+    /// By the axis of the slope, then by that of the value.
+    product: [[Lanes<N>; 3]; DERIVATIVES],
 }
 
-impl<const N: usize> Sums<N> {
+impl<const N: usize, const DERIVATIVES: usize> Sums<N, DERIVATIVES> {
     #[inline(always)]
     fn new(background: &Lanes<N>) -> Self {
         let zeros = [Lanes::ZERO; 3];
-        Self { total: *background, value: zeros, slope: zeros, product: [zeros; 3] }
+        Self {
+            total: *background,
+            value: zeros,
+            slope: [Lanes::ZERO; DERIVATIVES],
+            product: [zeros; DERIVATIVES],
+        }
     }
 
     #[inline(always)]
@@ -308,24 +386,14 @@ impl<const N: usize> Sums<N> {
         Vector3::from([0, 1, 2].map(|axis| self.value[axis].0[lane]))
     }
 
-    #[inline(always)]
-    fn slope(&self, lane: usize) -> Vector3<f64> {
-        Vector3::from([0, 1, 2].map(|axis| self.slope[axis].0[lane]))
-    }
-
-    #[inline(always)]
-    fn product(&self, lane: usize) -> Matrix3<f64> {
-        Matrix3::from_fn(|row, column| self.product[row][column].0[lane])
-    }
-
     /// Takes over the lanes of `other` in which the total here is too small.
     fn replace_lost(&mut self, other: &Self) {
         for lane in 0..N {
             if self.total.0[lane] < LEAST_TOTAL {
-                let lists = [&mut self.value, &mut self.slope].into_iter().chain(&mut self.product);
-                let others = [&other.value, &other.slope].into_iter().chain(&other.product);
-                for (list, other) in lists.zip(others) {
-                    (0..3).for_each(|axis| list[axis].0[lane] = other[axis].0[lane]);
+                let lists = self.product.as_flattened_mut().iter_mut().chain(&mut self.slope);
+                let others = other.product.as_flattened().iter().chain(&other.slope);
+                for (list, other) in lists.chain(&mut self.value).zip(others.chain(&other.value)) {
+                    list.0[lane] = other.0[lane];
                 }
                 self.total.0[lane] = other.total.0[lane];
             }
@@ -333,15 +401,27 @@ impl<const N: usize> Sums<N> {
     }
 }
 
+impl<const N: usize> Sums<N, 3> {
+    #[inline(always)]
+    fn slope(&self, lane: usize) -> Vector3<f64> {
+        Vector3::from([0, 1, 2].map(|axis| self.slope[axis].0[lane]))
+    }
+
+    #[inline(always)]
+    fn product(&self, lane: usize) -> Matrix3<f64> {
+        Matrix3::from_fn(|row, column| self.product[column][row].0[lane])
+    }
+}
+
 /// The sums, with those that vanish computed again. Each lane depends on its own point alone.
 #[inline(always)]
-fn sums<const N: usize, const DERIVATIVES: bool, P: Power>(
+fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape>(
     terms: &[Term],
     background: f64,
     x: &[Lanes<N>; 3],
-) -> Sums<N> {
+) -> Sums<N, DERIVATIVES> {
     let mut sums = Sums::new(&Lanes([background; N]));
-    add::<N, DERIVATIVES, P, false>(terms, x, &Lanes::ZERO, &mut sums);
+    add::<N, DERIVATIVES, P, S, false>(terms, x, &Lanes::ZERO, &mut sums);
     if sums.total.0.iter().any(|total| *total < LEAST_TOTAL) {
         let rest = libm::log2(background);
         let mut greatest = Lanes([rest; N]);
@@ -354,7 +434,7 @@ fn sums<const N: usize, const DERIVATIVES: bool, P: Power>(
         let rest =
             greatest.0.map(|greatest| if background > 0.0 { exp2(rest - greatest) } else { 0.0 });
         let mut again = Sums::new(&Lanes(rest));
-        add::<N, DERIVATIVES, Any, true>(terms, x, &greatest, &mut again);
+        add::<N, DERIVATIVES, Any, S, true>(terms, x, &greatest, &mut again);
         sums.replace_lost(&again);
     }
     sums
@@ -362,21 +442,20 @@ fn sums<const N: usize, const DERIVATIVES: bool, P: Power>(
 
 /// Adds every term to the sums. One pass, without a branch: all lanes of the processor are at work.
 #[inline(always)]
-fn add<const N: usize, const DERIVATIVES: bool, P: Power, const SHIFTED: bool>(
+fn add<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, const SHIFTED: bool>(
     terms: &[Term],
     x: &[Lanes<N>; 3],
     shift: &Lanes<N>,
-    sums: &mut Sums<N>,
+    sums: &mut Sums<N, DERIVATIVES>,
 ) {
     let [x, y, z] = x;
     let (x, y, z, shift) = (&x.0, &y.0, &z.0, &shift.0);
-    let Sums { total, value: [s0, s1, s2], slope: [m0, m1, m2], product } = sums;
-    let [[p00, p01, p02], [p10, p11, p12], [p20, p21, p22]] = product;
-    for Term { bump: Bump { center, factor, level }, value } in terms {
+    let Sums { total, value: [s0, s1, s2], slope, product } = sums;
+    for Term { bump, value } in terms {
+        let Bump { center, factor, .. } = bump;
         for k in 0..N {
-            let [dx, dy, dz] = [x[k] - center[0], y[k] - center[1], z[k] - center[2]];
-            let [lx, ly, lz] = [dx * factor[0], dy * factor[1], dz * factor[2]];
-            let mut exponent = (level + dx * lx) + (dy * ly + dz * lz);
+            let offset = [x[k] - center[0], y[k] - center[1], z[k] - center[2]];
+            let mut exponent = S::exponent(bump, offset);
             if SHIFTED {
                 exponent -= shift[k];
             }
@@ -386,19 +465,13 @@ fn add<const N: usize, const DERIVATIVES: bool, P: Power, const SHIFTED: bool>(
             s0.0[k] += vx;
             s1.0[k] += vy;
             s2.0[k] += vz;
-            if DERIVATIVES {
-                m0.0[k] += v * lx;
-                m1.0[k] += v * ly;
-                m2.0[k] += v * lz;
-                p00.0[k] += vx * lx;
-                p01.0[k] += vx * ly;
-                p02.0[k] += vx * lz;
-                p10.0[k] += vy * lx;
-                p11.0[k] += vy * ly;
-                p12.0[k] += vy * lz;
-                p20.0[k] += vz * lx;
-                p21.0[k] += vz * ly;
-                p22.0[k] += vz * lz;
+            let derivatives = slope.iter_mut().zip(product.iter_mut()).enumerate();
+            for (axis, (slope, [px, py, pz])) in derivatives {
+                let l = offset[axis] * factor[axis];
+                slope.0[k] += v * l;
+                px.0[k] += vx * l;
+                py.0[k] += vy * l;
+                pz.0[k] += vz * l;
             }
         }
     }

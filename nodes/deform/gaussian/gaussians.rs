@@ -24,6 +24,12 @@ pub(crate) struct Bump {
 }
 
 impl Bump {
+    /// Whether it is equally wide along all axes.
+    #[inline(always)]
+    pub(crate) fn is_round(&self) -> bool {
+        self.factor[1..] == [self.factor[0]; 2]
+    }
+
     /// The exponent at a point.
     #[inline(always)]
     pub(crate) fn exponent(&self, [x, y, z]: [f64; 3]) -> f64 {

@@ -21,8 +21,7 @@ pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -
     let mut bounds = estimate(sample(numbers, within), share);
     loop {
         let [least, most] = bounds;
-        let ([below, to_least, below_most, to_most, total], mut between) =
-            split(numbers, within, bounds);
+        let ([below, to_least, below_most, total], mut between) = split(numbers, within, bounds);
         let rank = ((share * total as f64).ceil() as usize).max(1) - 1;
         bounds = match rank {
             _ if total == 0 => return None,
@@ -32,7 +31,6 @@ pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -
                 let rank = rank - to_least;
                 return Some(*between.select_nth_unstable_by(rank, f32::total_cmp).1);
             }
-            _ if rank < to_most => return Some(most),
             _ => [most, f32::INFINITY],
         };
     }
@@ -63,14 +61,14 @@ fn estimate(mut sample: Vec<f32>, share: f64) -> [f32; 2] {
     })
 }
 
-/// How many numbers inside of the mask are less than the first bound, at most the first, less than the second, at most the second, and
-/// there at all; and those that lie between the bounds.
-fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 5], Vec<f32>) {
+/// How many numbers inside of the mask are less than the first bound, at most the first, less than the second, and there at all; and
+/// those that lie between the bounds.
+fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 4], Vec<f32>) {
     let chunks = numbers.par_chunks(CHUNK).enumerate().map(|(chunk, numbers)| {
         let within = within.map(|within| &within[chunk * CHUNK..][..numbers.len()]);
         pulp::Arch::new().dispatch(Chunk { numbers, within, bounds })
     });
-    let mut sums = [0; 5];
+    let mut sums = [0; 4];
     let mut between = Vec::new();
     for (counts, numbers) in chunks.collect::<Vec<_>>() {
         sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
@@ -87,7 +85,7 @@ struct Chunk<'a> {
 }
 
 impl pulp::NullaryFnOnce for Chunk<'_> {
-    type Output = ([usize; 5], Vec<f32>);
+    type Output = ([usize; 4], Vec<f32>);
 
     #[inline(always)]
     fn call(self) -> Self::Output {
@@ -96,13 +94,13 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
             self.bits(|x| x < least),
             self.bits(|x| x <= least),
             self.bits(|x| x < most),
-            self.bits(|x| x <= most),
-            self.bits(|_| true),
         ];
-        let counts = bits
-            .each_ref()
-            .map(|bits| bits.iter().fold(0, |count, word| count + word.count_ones() as usize));
-        let mut between = Vec::new();
+        let count = |words: &[u64]| {
+            words.iter().fold(0, |count, word| count + word.count_ones() as usize)
+        };
+        let [below, to_least, below_most] = bits.each_ref().map(|words| count(words));
+        let inside = self.within.map_or(self.numbers.len(), |_| count(&self.bits(|_| true)));
+        let mut between = Vec::with_capacity(below_most.saturating_sub(to_least));
         let words = bits[2].iter().zip(&bits[1]).map(|(below, to_least)| below & !to_least);
         for (mut word, numbers) in words.zip(self.numbers.chunks(WORD)) {
             while word != 0 {
@@ -110,7 +108,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
                 word &= word - 1;
             }
         }
-        (counts, between)
+        ([below, to_least, below_most, inside], between)
     }
 }
 

@@ -8,9 +8,9 @@ use crate::error::Error;
 use crate::format::corners::split;
 use crate::format::upright::upright;
 use crate::format::{check_mesh, coarse_mesh, png};
-use crate::memory::huge_vec;
-use crate::pack::{FileFormat, NewFile};
+use crate::pack::{Content, FileFormat, NewFile};
 use crate::parallel::*;
+use crate::provenance::{Signature, comment_of_obj};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Column, Mesh, Rgb};
 
@@ -26,17 +26,30 @@ impl FileFormat for MeshObj {
         check_mesh(mesh)?;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let Some(texture) = mesh.texture() else {
-            return Ok(NewFile::only(name, encode(mesh, String::new())));
+            return Ok(NewFile::only(name, encode(mesh, String::new()).into_bytes()));
         };
         let [material, picture] = ["mtl", "png"].map(|ending| format!("{stem}.{ending}"));
         let text =
             format!("newmtl material\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture}\n");
         let start = format!("mtllib {material}\nusemtl material\n");
         Ok(vec![
-            NewFile { name: name.to_owned(), bytes: encode(mesh, start) },
+            NewFile { name: name.to_owned(), bytes: encode(mesh, start).into_bytes() },
             NewFile { name: material, bytes: text.into_bytes() },
             NewFile { name: picture, bytes: png::encode_rgb(texture)? },
         ])
+    }
+
+    fn content<'a>(
+        mesh: &'a Mesh,
+        signature: Option<&Signature>,
+    ) -> Result<Option<Content<'a>>, Error> {
+        if mesh.texture().is_some() {
+            return Ok(None);
+        }
+        let mesh = &*upright(mesh)?;
+        check_mesh(mesh)?;
+        let comment = signature.map(|signature| comment_of_obj(&signature.words));
+        Ok(Some(encode(mesh, comment.unwrap_or_default())))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
@@ -68,7 +81,8 @@ impl Reference {
     }
 }
 
-fn encode(mesh: &Mesh, start: String) -> Vec<u8> {
+/// All lines of a mesh, behind those that are given.
+fn encode(mesh: &Mesh, start: String) -> Content<'static> {
     let colors = mesh.vertex().colors("color").filter(|_| mesh.texture().is_none());
     let mut text = vec![start.into_bytes()];
     text.extend(lines(mesh.positions().len(), |text, index| {
@@ -102,7 +116,7 @@ fn encode(mesh: &Mesh, start: String) -> Vec<u8> {
             }
         }
     }));
-    join(&text)
+    joined(text)
 }
 
 /// The entries to list, and how corners refer to them: data of vertices as they are, else data of corners, each different one of a
@@ -136,18 +150,26 @@ fn lines(count: usize, line: impl Fn(&mut Vec<u8>, usize) + Sync) -> Vec<Vec<u8>
     (0..count.div_ceil(PIECE)).into_par_iter().map(piece).collect()
 }
 
-/// The pieces one after the other; copied in parallel, since fresh memory is slow.
-fn join(pieces: &[Vec<u8>]) -> Vec<u8> {
-    let mut text = huge_vec(pieces.iter().map(Vec::len).sum());
-    let mut rest = &mut text[..];
-    let places = pieces.iter().map(|piece| {
-        let (place, behind) = std::mem::take(&mut rest).split_at_mut(piece.len());
-        rest = behind;
-        (place, piece)
-    });
-    let places = Vec::from_iter(places);
-    places.into_par_iter().for_each(|(place, piece)| place.copy_from_slice(piece));
-    text
+/// The pieces one after the other.
+fn joined(pieces: Vec<Vec<u8>>) -> Content<'static> {
+    let mut len = 0;
+    let starts = Vec::from_iter(pieces.iter().map(|piece| {
+        len += piece.len();
+        len - piece.len()
+    }));
+    Content::pieces(len, move |mut place, mut bytes| {
+        let first = starts.partition_point(|&start| start <= place) - 1;
+        for (piece, start) in pieces[first..].iter().zip(&starts[first..]) {
+            let there = &piece[place - start..];
+            let (here, behind) = bytes.split_at_mut(there.len().min(bytes.len()));
+            here.copy_from_slice(&there[..here.len()]);
+            place += here.len();
+            bytes = behind;
+            if bytes.is_empty() {
+                break;
+            }
+        }
+    })
 }
 
 fn push_floats(text: &mut Vec<u8>, keyword: &str, numbers: &[f64]) {
