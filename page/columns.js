@@ -3,6 +3,9 @@
 /** Of columns that nobody uses any more so many times the bytes of those in use are kept, and so many bytes in any case. */
 const [TIMES, LEAST] = [2, 16 * 2 ** 20];
 
+/** Changed parts so near to each other are copied as one: a graphics card takes long for many. */
+const NEAR = 2 ** 16;
+
 /** The type of an answer that says what has changed. */
 const CHANGES = "application/x-maquette-changes";
 
@@ -117,7 +120,7 @@ export class Columns {
       column.bytes.set(part, start);
       from += part.length;
       const last = column.stale.at(-1);
-      if (last && last[1] === start) last[1] += part.length;
+      if (last && last[1] <= start && start - last[1] <= NEAR) last[1] = start + part.length;
       else column.stale.push([start, start + part.length]);
     }
   }

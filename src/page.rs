@@ -139,8 +139,9 @@ struct Shared {
     values: Mutex<Values>,
 }
 
-/// Bytes of values that nobody looks at any more which are kept.
-const KEPT: usize = 128 << 20;
+/// Bytes of values that nobody looks at any more which are kept, beside as many as somebody looks at: so the last ones before these
+/// are there, however large they are.
+const KEPT: usize = if cfg!(test) { 1 << 10 } else { 128 << 20 };
 
 /// Values of before that are kept.
 const MOST_KEPT: usize = 64;
@@ -171,11 +172,10 @@ impl Values {
 
     fn keep(&mut self, old: impl IntoIterator<Item = Arc<Shown>>) {
         self.before.extend(old);
-        let size = |before: &VecDeque<Arc<Shown>>| -> usize {
-            before.iter().map(|shown| shown.size()).sum()
-        };
-        while size(&self.before) > KEPT || self.before.len() > MOST_KEPT {
-            self.before.pop_front();
+        let most = KEPT + self.now.values().map(|shown| shown.size()).sum::<usize>();
+        let mut size: usize = self.before.iter().map(|shown| shown.size()).sum();
+        while size > most || self.before.len() > MOST_KEPT {
+            size -= self.before.pop_front().map_or(size, |shown| shown.size());
         }
     }
 
@@ -421,6 +421,7 @@ impl Feed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::value::{AnyValue, Image};
 
     #[test]
     fn who_comes_late_is_told_what_is_true() {
@@ -444,5 +445,20 @@ mod tests {
         assert_eq!(told, ["hello", "graph", "problems", "done"]);
         note(json!({ "event": "run", "run": 2 }));
         assert_eq!(note(json!({ "event": "cancelled", "run": 2 })), told);
+    }
+
+    #[test]
+    fn the_value_before_a_large_one_is_still_known() {
+        let viewed = || Viewed { node: "a".into(), output: "value".into() };
+        let shown = |level: u8| {
+            let value = AnyValue::new(Image::new(64, 64, vec![[level; 3]; 64 * 64]).unwrap());
+            Arc::new(Shown::new(value.clone(), value.show(), Vec::new(), None))
+        };
+        let mut values = Values::default();
+        let all = [0, 1, 2, 3].map(shown);
+        assert!(all[0].size() > KEPT);
+        all.iter().for_each(|shown| values.put(viewed(), shown.clone()));
+        let known = Vec::from_iter(values.all().map(|shown| shown.value.hash()));
+        assert_eq!(known, [all[3].value.hash(), all[2].value.hash()]);
     }
 }

@@ -10,8 +10,8 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{RunTrace, ThreadsError};
 use crate::golden::case::{self, TestFile};
-use crate::golden::store::{Golden, NoGolden, because};
-use crate::golden::{Comparison, Violation};
+use crate::golden::store::{self, Golden, NoGolden, Written, because};
+use crate::golden::{Comparison, Tolerance, Violation};
 use crate::pack::NewFile;
 use crate::plain;
 use crate::session::{self, Session};
@@ -94,8 +94,19 @@ pub(crate) struct Compared {
     /// Why the golden would be kept otherwise now, even if the value is the same.
     pub(crate) outdated: Option<&'static str>,
     pub(crate) value: AnyValue,
-    /// The golden that would be written.
-    pub(crate) new: Vec<NewFile>,
+    /// Whether the golden would be another one.
+    pub(crate) changed: bool,
+    /// What the golden would tell beside the value.
+    written: Vec<Written>,
+    needed: Vec<(String, f64)>,
+    tolerance: Tolerance,
+}
+
+impl Compared {
+    /// The golden that would be written; of a large value it takes a while.
+    fn new_files(&self) -> Vec<NewFile> {
+        store::files(&self.value, &self.written, &self.needed, &self.tolerance)
+    }
 }
 
 impl Case {
@@ -145,18 +156,19 @@ impl Case {
 
     /// The outputs whose goldens would be others.
     pub(crate) fn changed_outputs(&self) -> impl Iterator<Item = &Compared> {
-        self.outputs.iter().filter(|output| !output.new.is_empty())
+        self.outputs.iter().filter(|output| output.changed)
     }
 
-    /// Makes an output, as it is now, its golden, which says why it was accepted.
-    pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> Result<(), Refused> {
+    /// Makes an output, as it is now, its golden, which says why it was accepted. Gives how many bytes it has.
+    pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> Result<usize, Refused> {
         let destination = Destination::own(&self.beside, &self.sources);
         destination.judge_folder(&self.folder)?;
         destination.sweep(&self.folder);
+        let new = output.new_files();
         let before = orphans::goldens(&self.folder).remove(&output.name).unwrap_or_default();
         for suffix in SUFFIXES {
             let path = self.folder.join(format!("{}{suffix}", output.name));
-            match output.new.iter().find(|file| file.name == suffix) {
+            match new.iter().find(|file| file.name == suffix) {
                 Some(file) if suffix == ".txt" => {
                     let because = because(why);
                     write(&destination, &path, &[&file.bytes[..], because.as_bytes()].concat())?;
@@ -166,7 +178,7 @@ impl Case {
                 None => {}
             }
         }
-        Ok(())
+        Ok(new.iter().map(|file| file.bytes.len()).sum())
     }
 
     /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.

@@ -202,10 +202,9 @@ impl Test {
             let same = output.comparison.verdict == Verdict::Identical;
             let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::because);
             let why = before.unwrap_or_else(|| why.clone());
-            case.bless(output, &why)?;
+            let size = case.bless(output, &why)?;
             count.accepted += 1;
             print(&format!("blessed   {} {}: {}\n", case.title(), output.name, in_short(output)));
-            let size = output.new.iter().map(|file| file.bytes.len()).sum::<usize>();
             if size > LARGE {
                 let size = size as f64 / 1e6;
                 print(&format!(

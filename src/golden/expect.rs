@@ -1,7 +1,6 @@
 //! What must hold of a value whatever its parameters are: assertions in graphs and in tests.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
 use std::convert::Infallible;
 
 use nalgebra::Point3;
@@ -165,13 +164,17 @@ pub(super) fn manifold(mesh: &Mesh) -> Wrong {
     if let Some(why) = edges(mesh, &many, "edges with more than two faces") {
         return Some(why);
     }
-    let mut directions: HashMap<[u32; 2], ()> = HashMap::new();
+    if found.misoriented == 0 {
+        return None;
+    }
+    // Where the face that met an edge before came from.
+    let mut before = vec![u32::MAX; found.vertices.len()];
     let mut twice = Vec::new();
-    for face in mesh.faces().iter() {
-        for (&from, &to) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
-            if directions.insert([from, to], ()).is_some() {
-                twice.push([from, to]);
-            }
+    let corners =
+        mesh.faces().iter().flat_map(|face| face.iter().zip(face[1..].iter().chain(&face[..1])));
+    for ((&from, &to), &edge) in corners.zip(&found.of_corner) {
+        if std::mem::replace(&mut before[edge as usize], from) == from {
+            twice.push([from, to]);
         }
     }
     edges(mesh, &twice, "edges between faces that look to different sides")

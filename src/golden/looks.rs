@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, SMatrix, SVector, Vector3};
+use nalgebra::{Point3, SMatrix, SVector};
 
 use super::compare::six;
 use crate::value::{Attribute, Mesh, Region};
@@ -93,34 +93,46 @@ fn place(point: Point3<f64>) -> String {
     format!("({}, {}, {})", six(point.x), six(point.y), six(point.z))
 }
 
-/// The angle in degrees between the two faces at each edge that has two, with a point on it and whether `wanted` takes the two.
-fn bends(mesh: &Mesh, wanted: impl Fn(usize, usize) -> bool) -> Vec<(f64, Point3<f64>)> {
-    let mut faces: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
-    for (index, face) in mesh.faces().iter().enumerate() {
-        for (&a, &b) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
-            faces.entry([a.min(b), a.max(b)]).or_default().push(index);
+/// How the two faces bend at each edge that has two, if `wanted` takes these.
+fn bends(mesh: &Mesh, wanted: impl Fn(usize, usize) -> bool) -> Vec<Bend> {
+    let edges = mesh.edges();
+    // The face that met each edge first, until the other one does.
+    let mut first = vec![usize::MAX; edges.vertices.len()];
+    let mut found = Vec::new();
+    for face in 0..mesh.faces().len() {
+        for corner in mesh.faces().first_corner(face)..mesh.faces().first_corner(face + 1) {
+            let edge = edges.of_corner[corner] as usize;
+            let other = std::mem::replace(&mut first[edge], face);
+            if edges.faces[edge] == 2 && other != usize::MAX && wanted(other, face) {
+                found.extend(bend_at(mesh, edges.vertices[edge], [other, face]));
+            }
         }
     }
-    let normals: Vec<Vector3<f64>> =
-        mesh.faces().iter().map(|face| mesh.area_vector(face)).collect();
-    let bend = |(edge, faces): (&[u32; 2], &Vec<usize>)| {
-        let &[a, b] = &faces[..] else { return None };
-        let [m, n] = [normals[a], normals[b]];
-        // Faces without area look nowhere.
-        if !wanted(a, b) || m.norm() == 0.0 || n.norm() == 0.0 {
-            return None;
-        }
-        let angle = libm::atan2(m.cross(&n).norm(), m.dot(&n)).to_degrees();
-        let [p, q] = edge.map(|vertex| mesh.positions()[vertex as usize]);
-        Some((angle, nalgebra::center(&p, &q)))
-    };
-    faces.iter().filter_map(bend).collect()
+    found
 }
 
-fn sharpest(found: Vec<(f64, Point3<f64>)>, max: f64, what: &str) -> Wrong {
-    let mut sharp: Vec<_> = found.into_iter().filter(|(angle, _)| *angle > max).collect();
-    sharp.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let (angle, at) = *sharp.first()?;
+/// An edge, by how many degrees two faces bend there, and its middle.
+struct Bend {
+    edge: [u32; 2],
+    angle: f64,
+    at: Point3<f64>,
+}
+
+/// None where a face has no area: it looks nowhere.
+fn bend_at(mesh: &Mesh, edge: [u32; 2], faces: [usize; 2]) -> Option<Bend> {
+    let [m, n] = faces.map(|face| mesh.area_vector(mesh.faces().face(face)));
+    if m.norm() == 0.0 || n.norm() == 0.0 {
+        return None;
+    }
+    let angle = libm::atan2(m.cross(&n).norm(), m.dot(&n)).to_degrees();
+    let [p, q] = edge.map(|vertex| mesh.positions()[vertex as usize]);
+    Some(Bend { edge, angle, at: nalgebra::center(&p, &q) })
+}
+
+fn sharpest(found: Vec<Bend>, max: f64, what: &str) -> Wrong {
+    let mut sharp = Vec::from_iter(found.into_iter().filter(|bend| bend.angle > max));
+    sharp.sort_by(|a, b| b.angle.total_cmp(&a.angle).then(a.edge.cmp(&b.edge)));
+    let &Bend { angle, at, .. } = sharp.first()?;
     let why = format!(
         "bends by more than {} degrees at {} edges{what}; the sharpest, {} degrees, is at {}",
         six(max),
@@ -128,7 +140,7 @@ fn sharpest(found: Vec<(f64, Point3<f64>)>, max: f64, what: &str) -> Wrong {
         six(angle),
         place(at)
     );
-    Some((why, sharp.iter().take(PLACES).map(|(_, at)| *at).collect()))
+    Some((why, sharp.iter().take(PLACES).map(|bend| bend.at).collect()))
 }
 
 /// Whether no two faces that share an edge bend by more than `max` degrees there.
@@ -199,10 +211,6 @@ pub(super) fn continuity(
 ///
 /// On each side of a vertex of the rim, a quadratic height over the tangent plane is fitted to the vertices of two rings of faces.
 fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
-    let mut around = vec![Vec::new(); mesh.positions().len()];
-    for (index, face) in mesh.faces().iter().enumerate() {
-        face.iter().for_each(|&vertex| around[vertex as usize].push(index));
-    }
     let mut rim: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     let edges = mesh.edges();
     let mut sides = vec![[false; 2]; edges.vertices.len()];
@@ -216,6 +224,7 @@ fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
         rim.entry(a).or_default().push(b);
         rim.entry(b).or_default().push(a);
     }
+    let around = faces_around(mesh, &rim);
     let normals = mesh.vertex_normals();
     let gap = |(&vertex, others): (&u32, &Vec<u32>)| {
         let &[before, after] = &others[..] else { return None };
@@ -225,8 +234,7 @@ fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
         let across = normal.cross(&(after - before)).try_normalize(0.0)?;
         let axes = [across, normal.cross(&across), normal];
         let curvature = |side: bool| {
-            let faces =
-                |vertex: u32| around[vertex as usize].iter().filter(|&&face| new[face] == side);
+            let faces = |vertex: u32| around[&vertex].iter().filter(|&&face| new[face] == side);
             let corners = |vertex: u32| faces(vertex).flat_map(|&face| mesh.faces().face(face));
             let mut near: Vec<u32> =
                 corners(vertex).flat_map(|&other| corners(other)).copied().collect();
@@ -242,6 +250,22 @@ fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
     };
     let gaps: Vec<f64> = rim.iter().filter_map(gap).collect();
     (gaps.iter().map(|gap| gap * gap).sum::<f64>() / gaps.len().max(1) as f64).sqrt()
+}
+
+/// The faces at each vertex of a rim, and at each other corner of these, in order.
+fn faces_around(mesh: &Mesh, rim: &BTreeMap<u32, Vec<u32>>) -> BTreeMap<u32, Vec<usize>> {
+    let [mut is_rim, mut is_near] = [(); 2].map(|()| vec![false; mesh.positions().len()]);
+    rim.keys().for_each(|&vertex| is_rim[vertex as usize] = true);
+    for face in mesh.faces().iter().filter(|face| face.iter().any(|&it| is_rim[it as usize])) {
+        face.iter().for_each(|&vertex| is_near[vertex as usize] = true);
+    }
+    let mut around: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (index, face) in mesh.faces().iter().enumerate() {
+        for &vertex in face.iter().filter(|&&vertex| is_near[vertex as usize]) {
+            around.entry(vertex).or_default().push(index);
+        }
+    }
+    around
 }
 
 /// The curvature along the first axis of the quadratic height over the first two axes that fits best; none if the places do not tell.

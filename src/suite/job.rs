@@ -294,12 +294,18 @@ impl Job<'_> {
             }
         }
         let outdated = golden.as_ref().ok().and_then(|golden| golden.outdated(tolerance));
-        let new = if identical && outdated.is_none() {
-            Vec::new()
-        } else {
-            store::files(value, files, &needed, tolerance)
-        };
-        Compared { name, files: names, comparison, golden, outdated, value: value.clone(), new }
+        Compared {
+            name,
+            files: names,
+            comparison,
+            golden,
+            outdated,
+            value: value.clone(),
+            changed: !identical || outdated.is_some(),
+            written: files.to_vec(),
+            needed,
+            tolerance: tolerance.clone(),
+        }
     }
 
     /// Goldens in the case's folder that no output asks for.

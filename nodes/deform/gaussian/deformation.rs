@@ -197,8 +197,7 @@ struct Mixed;
 impl Shape for Mixed {
     #[inline(always)]
     fn exponent(bump: &Bump, offset: [f64; 3]) -> f64 {
-        let [round, stretched] =
-            [Round::exponent(bump, offset), Stretched::exponent(bump, offset)];
+        let [round, stretched] = [Round::exponent(bump, offset), Stretched::exponent(bump, offset)];
         if bump.is_round() { round } else { stretched }
     }
 }

@@ -90,14 +90,9 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
     #[inline(always)]
     fn call(self) -> Self::Output {
         let [least, most] = self.bounds;
-        let bits = [
-            self.bits(|x| x < least),
-            self.bits(|x| x <= least),
-            self.bits(|x| x < most),
-        ];
-        let count = |words: &[u64]| {
-            words.iter().fold(0, |count, word| count + word.count_ones() as usize)
-        };
+        let bits = [self.bits(|x| x < least), self.bits(|x| x <= least), self.bits(|x| x < most)];
+        let count =
+            |words: &[u64]| words.iter().fold(0, |count, word| count + word.count_ones() as usize);
         let [below, to_least, below_most] = bits.each_ref().map(|words| count(words));
         let inside = self.within.map_or(self.numbers.len(), |_| count(&self.bits(|_| true)));
         let mut between = Vec::with_capacity(below_most.saturating_sub(to_least));

@@ -1,7 +1,8 @@
 //! All numbers of a value in few bytes: rounded to far below the tolerance, reduced to residuals of a prediction from their neighbors, and
 //! entropy-coded.
 
-use std::cell::OnceCell;
+use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use serde_json::{Value as Json, json};
 
@@ -10,6 +11,7 @@ use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
 use crate::golden::compare::Tolerance;
 use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
+use crate::parallel::*;
 use crate::value::Hash;
 
 mod coder;
@@ -86,7 +88,7 @@ struct Mesh {
     vertices: usize,
     sides: Vec<usize>,
     corners: Vec<u32>,
-    around: OnceCell<Option<MeshNeighbors>>,
+    around: OnceLock<Option<MeshNeighbors>>,
 }
 
 impl Mesh {
@@ -128,25 +130,34 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
         mesh.corners = corners.numbers.iter().map(|&x| x as u32).collect();
         mesh.vertices = parts.column("position").map_or(0, |part| part.count);
     }
-    for part in columns {
-        let mut precision = precision(part, tolerance);
-        let thinned = if part.count <= FEW { part.clone() } else { part.every(stride) };
-        let part = &thinned;
-        let bytes = if is_faces(part) {
-            let mut writer = Writer::new();
-            faces::code(&mut writer, &mesh.sides, &mesh.corners);
-            writer.finish()
-        } else {
-            let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
-            let rough = packed(part, &layout, &precision);
-            match precision.whole().map(|whole| (packed(part, &layout, &whole), whole)) {
-                Some((bytes, whole)) if bytes.len() <= rough.len() => {
-                    precision = whole;
-                    bytes
-                }
-                _ => rough,
-            }
-        };
+    let columns = Vec::from_iter(columns.into_iter().map(|part| {
+        let precision = precision(part, tolerance);
+        let is_whole = part.count <= FEW || stride == 1;
+        let part = if is_whole { Cow::Borrowed(part) } else { Cow::Owned(part.every(stride)) };
+        let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
+        (part, layout, precision)
+    }));
+    // With the last digits apart and, if there are any, without: what takes fewer bytes is kept.
+    let ways = Vec::from_iter(columns.iter().flat_map(|column| {
+        let precisions = [Some(column.2), column.2.whole()].into_iter().flatten();
+        precisions.map(move |precision| (column, precision))
+    }));
+    let bytes_of = |(column, precision): &(&(Cow<'_, GoldenColumn>, Layout<'_>, _), Precision)| {
+        let (part, layout, _) = column;
+        if !is_faces(part) {
+            return packed(part, layout, precision);
+        }
+        let mut writer = Writer::new();
+        faces::code(&mut writer, &mesh.sides, &mesh.corners);
+        writer.finish()
+    };
+    let bytes: Vec<Vec<u8>> = ways.par_iter().map(&bytes_of).collect();
+    let mut ways = ways.iter().map(|(_, precision)| *precision).zip(bytes);
+    for (part, _, precision) in &columns {
+        let count = 1 + usize::from(precision.whole().is_some());
+        let shorter = |(way, bytes): &(Precision, Vec<u8>)| (bytes.len(), way.last.is_some());
+        let way = ways.by_ref().take(count).min_by_key(shorter);
+        let (precision, bytes) = way.expect("a way for each column");
         let last = precision.last.map(|last| {
             let fine = Precision { step: last.step, ..precision };
             let whole = rounded(part, &fine);
