@@ -140,6 +140,8 @@ BARS = [
     of_row("whole skin", "reconstruct-clean"),
     Bar("whole skin", "off the torus, 1 % noise", bench("reconstruct", "100000 points alone, noise 0.01"), 0.5, "apart", "noise 0.01 * * * #"),
     Bar("live page", "1.5 M moved triangles in the card", PAGE, 150, line="from the message to the buffers, *: # ms in half"),
+    Bar("live page", "local edit of 10.8 M triangles in the card", PAGE, 300, line="from that message to the buffers: # ms in half"),
+    Bar("live page", "bytes of such an edit", PAGE, 10, "MB", "for which # MB were sent; the program"),
     Bar("live page", "bytes of a local edit", PAGE, 10, "%", "another nose of the doll: * MB, # %"),
     Bar("live page", "objects left by 500 edits", PAGE, 1, "MB", "page # and # MB of objects", growth),
     Bar("language", "check ForEach over 5 000 regions", bench("each", "check", package="maquette"), 100, line="check: # ms"),
