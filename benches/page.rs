@@ -5,11 +5,11 @@
 //! - how long from a move of a slider until its picture is there, with as many,
 //! - how long from the message of a value until 1.5 million triangles that moved are in the buffers of the graphics card (150 ms),
 //! - which share of its bytes a local edit moves (a tenth),
-//! - how long until such an edit of 10.8 million triangles is seen,
+//! - how long until such an edit of 10.8 million triangles is in the buffers (300 ms), and how much is sent for it (10 MB),
 //! - what 500 edits leave in memory (nothing),
 //! - how long until eight pages show a save.
 //!
-//! `cargo bench -p maquette-nodes --bench page` takes some four minutes and needs Chromium.
+//! `cargo bench -p maquette-nodes --bench page` takes some six minutes, two of them to draw without a card what is large, and needs Chromium.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
