@@ -63,8 +63,9 @@ def of_row(subject, word, times=None, of=""):
     return Bar(subject, row.name, row, row.bar, times=times, of=of)
 
 
-def bench(name, *words, package="maquette-nodes"):
-    return ("cargo", "bench", "-q", "-p", package, "--bench", name, "--", *words)
+def bench(name, *words):
+    """Of no named package: so the engine is compiled once for all, with what all of them need."""
+    return ("cargo", "bench", "-q", "--bench", name, "--", *words)
 
 
 def growth(figures):
@@ -78,14 +79,14 @@ DOLL_AGAIN = Row("doll.ron again, from the cache on disk", [*RUN_DOLL, "--cache"
 TESTS = Row("maquette test graphs, from the cache", [MAQUETTE, "test", PROJECT / "graphs", "--threads", str(THREADS), "--cache", CACHE])
 
 LOCAL, INTERPOLATE, WATCH, PAGE = bench("local"), bench("interpolate", "nearest feet: Loop", "fit of"), bench("watch"), bench("page")
-ENGINE, COMPARE, REUSE = (bench(name, package="maquette") for name in ("engine", "compare", "reuse"))
+ENGINE, COMPARE, REUSE = (bench(name) for name in ("engine", "compare", "reuse"))
 FILL, BATCH = bench("fill", "model classes"), bench("batch")
 SHEET = ("bash", "tests/sheet/run", "thousand")
 
 BARS = [
     Bar("main job", DOLL.name, DOLL, 120),
     Bar("main job", "doll.ron, memory", DOLL, 150, "MB"),
-    Bar("main job", "check a graph of 500 nodes", bench("check", package="maquette"), 20, line="check/500: # ms"),
+    Bar("main job", "check a graph of 500 nodes", bench("check"), 20, line="check/500: # ms"),
     of_row("first publication", "segment"),
     of_row("first publication", "edges"),
     of_row("first publication", "edges-percentile"),
@@ -140,11 +141,13 @@ BARS = [
     of_row("whole skin", "reconstruct-clean"),
     Bar("whole skin", "off the torus, 1 % noise", bench("reconstruct", "100000 points alone, noise 0.01"), 0.5, "apart", "noise 0.01 * * * #"),
     Bar("live page", "1.5 M moved triangles in the card", PAGE, 150, line="from the message to the buffers, *: # ms in half"),
+    Bar("live page", "save of 10.8 M triangles to the page's message", PAGE, 800, line="from the save to the message: # ms in half"),
+    Bar("live page", "move of a slider to the same", PAGE, 300, line="from a move of a slider to its message: # ms in half"),
     Bar("live page", "local edit of 10.8 M triangles in the card", PAGE, 300, line="from that message to the buffers: # ms in half"),
     Bar("live page", "bytes of such an edit", PAGE, 10, "MB", "for which # MB were sent; the program"),
     Bar("live page", "bytes of a local edit", PAGE, 10, "%", "another nose of the doll: * MB, # %"),
     Bar("live page", "objects left by 500 edits", PAGE, 1, "MB", "page # and # MB of objects", growth),
-    Bar("language", "check ForEach over 5 000 regions", bench("each", "check", package="maquette"), 100, line="check: # ms"),
+    Bar("language", "check ForEach over 5 000 regions", bench("each", "check"), 100, line="check: # ms"),
     Bar("editors", "slowest request, 95 of 100", bench("lsp"), 50, line="95th of a hundred # ms"),
     Bar("batches", "held task of the doll", BATCH, 2, line="tasks of doll *, nothing has changed* # ms a task"),
     Bar("batches", "the same in the first run after", BATCH, 2, line="tasks of doll *, first run after* # ms a task"),
