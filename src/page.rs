@@ -56,7 +56,7 @@ mod pick;
 mod server;
 mod shown;
 
-use shown::Column;
+use shown::Content;
 pub(crate) use shown::Shown;
 
 pub(crate) use kept::Redirect;
@@ -337,7 +337,7 @@ impl Shared {
     }
 
     /// The column of this name of such a value.
-    fn column(&self, name: &str) -> Option<Column> {
+    fn column(&self, name: &str) -> Option<Content> {
         let values = unpoisoned(&self.values);
         values.all().find_map(|shown| shown.column(name).cloned())
     }
@@ -452,7 +452,7 @@ mod tests {
         let viewed = || Viewed { node: "a".into(), output: "value".into() };
         let shown = |level: u8| {
             let value = AnyValue::new(Image::new(64, 64, vec![[level; 3]; 64 * 64]).unwrap());
-            Arc::new(Shown::new(value.clone(), value.show(), Vec::new(), None))
+            Arc::new(Shown::new(value.clone(), value.show(), Vec::new(), None, None))
         };
         let mut values = Values::default();
         let all = [0, 1, 2, 3].map(shown);

@@ -31,7 +31,7 @@ pub use flat::{Below, fitted, picture_of};
 use raster::{Band, Bins};
 use scene::Scene;
 #[cfg(feature = "cli")]
-pub(crate) use shapes::{Field, Shape, Shapes};
+pub(crate) use shapes::{Field, Ruler, Shape, Shapes};
 pub use solid::render_layers;
 
 /// Samples along each side of a pixel.

@@ -11,8 +11,8 @@ use serde_json::{Value as Json, json};
 
 use super::pick::Pickable;
 use crate::graph::{Asked, Broken};
-use crate::render::{Field, Ground, Look, Shape, Shapes, fitted, picture, picture_of};
-use crate::value::{AnyValue, Axes, Image, Layer, Picture, Series};
+use crate::render::{Field, Ground, Look, Ruler, Shape, Shapes, fitted, picture, picture_of};
+use crate::value::{AnyValue, Axes, Column, Hash, Image, Layer, Picture, Series, hash_of};
 
 /// The longest side of a picture that every graphics card takes.
 const MOST_PIXELS: usize = 8192;
@@ -38,14 +38,18 @@ pub(crate) struct Shown {
     /// What is asked of it, and what of this it is not.
     pub(crate) asked: Vec<Asked>,
     broken: Vec<Broken>,
-    columns: HashMap<String, Column>,
+    columns: HashMap<String, Content>,
+    /// What lies in space.
+    shapes: Vec<Arc<Shape>>,
+    /// The columns of pictures that are seen, by their hashes, and the size of what is in them.
+    pixels: HashMap<Hash, (Column<[u8; 4]>, [usize; 2])>,
     size: usize,
     pickable: OnceLock<Pickable>,
 }
 
 /// The bytes of a column, or what makes them.
 #[derive(Clone)]
-pub(super) enum Column {
+pub(super) enum Content {
     Ready(Bytes),
     Made(Arc<dyn Fn() -> Vec<u8> + Send + Sync>),
 }
@@ -53,7 +57,7 @@ pub(super) enum Column {
 /// Makes a column of a shape.
 type Make = Box<dyn Fn(&Shape) -> Vec<u8> + Send + Sync>;
 
-impl Column {
+impl Content {
     pub(super) fn bytes(&self) -> Bytes {
         match self {
             Self::Ready(bytes) => bytes.clone(),
@@ -63,12 +67,14 @@ impl Column {
 }
 
 impl Shown {
-    /// `layers` are what the value shows, `asked` is what is asked of it, `ground` is what a picture of it lies on.
+    /// `layers` are what the value shows, `asked` is what is asked of it, `ground` is what a picture of it lies on. What was shown `before`
+    /// in its place is a start: it is changed where that is quicker.
     pub(crate) fn new(
         value: AnyValue,
         layers: Vec<Layer>,
         asked: Vec<Asked>,
         ground: Option<Ground>,
+        before: Option<&Self>,
     ) -> Self {
         let broken = Asked::broken(&asked, &value);
         let layers = &marked(layers, &broken)[..];
@@ -81,17 +87,23 @@ impl Shown {
             asked,
             broken,
             columns: HashMap::new(),
+            shapes: Vec::new(),
+            pixels: before.map(|before| before.pixels.clone()).unwrap_or_default(),
             size: 0,
             pickable: OnceLock::new(),
         };
         let flat = shown.flat(layers);
         // Pages draw plots themselves, with words at their axes.
         let in_space = layers.iter().filter(|layer| !matches!(layer, Layer::Plot(_))).cloned();
-        let space = Shapes::of(&Vec::from_iter(in_space)).map(|shapes| shown.space(shapes));
+        let start = before.map_or(&[][..], |before| &before.shapes);
+        let shapes = Shapes::of(&Vec::from_iter(in_space), start);
+        let space = shapes.map(|shapes| shown.space(shapes));
         let series = layers.iter().find_map(|layer| match layer {
             Layer::Plot(series) => Some(series.iter().map(about_series).collect::<Vec<_>>()),
             _ => None,
         });
+        let Self { pixels, columns, .. } = &mut shown;
+        pixels.retain(|_, (column, _)| columns.contains_key(&name_of(column.hash())));
         shown.size += shown.value.size();
         shown.about = json!({
             "type": shown.value.kind().name,
@@ -110,7 +122,7 @@ impl Shown {
     }
 
     /// The bytes of one of its columns.
-    pub(super) fn column(&self, name: &str) -> Option<&Column> {
+    pub(super) fn column(&self, name: &str) -> Option<&Content> {
         self.columns.get(name)
     }
 
@@ -140,38 +152,37 @@ impl Shown {
     }
 
     fn space(&mut self, shapes: Shapes) -> Json {
-        let Shapes { axes, center, scale, shapes } = shapes;
-        let shapes = shapes.into_iter().enumerate();
-        let shapes = Vec::from_iter(shapes.map(|(place, shape)| self.shape(place, shape)));
+        let Shapes { axes, ruler: Ruler { center, scale }, shapes } = shapes;
+        let about = shapes.iter().enumerate().map(|(place, shape)| self.shape(place, shape));
+        let about = Vec::from_iter(about);
+        self.shapes = shapes;
         let center = [center.x, center.y, center.z];
-        json!({ "upright": axes == Axes::Upright, "center": center, "scale": scale, "shapes": shapes })
+        json!({ "upright": axes == Axes::Upright, "center": center, "scale": scale, "shapes": about })
     }
 
-    fn shape(&mut self, place: usize, mut shape: Shape) -> Json {
-        let position = self.keep(std::mem::take(&mut shape.places));
-        let normal = self.keep(std::mem::take(&mut shape.normals));
-        let color = shape.colors.take().map(|colors| self.keep(colors));
-        let texture = shape.texture().cloned();
-        let uv = shape.uv.take().map(|uv| self.keep(uv));
-        let triangle = self.keep(shape.triangles.clone());
-        let texture = texture.map(|image| {
-            json!({ "size": [image.width(), image.height()], "pixels": self.image(&image) })
-        });
+    fn shape(&mut self, place: usize, shape: &Arc<Shape>) -> Json {
+        let position = self.keep(&shape.places);
+        let normal = self.keep(&shape.normals);
+        let color = shape.colors.as_ref().map(|colors| self.keep(colors));
+        let uv = shape.uv.as_ref().map(|uv| self.keep(uv));
+        let triangle = self.keep(&shape.triangles);
+        let texture = shape.texture().map(
+            |image| json!({ "size": [image.width(), image.height()], "pixels": self.image(image) }),
+        );
         self.size += shape.size();
-        let (is_solid, fields) = (shape.is_solid, shape.fields());
-        let shape = Arc::new(shape);
         let value = self.value.hash().to_string();
         let mut later = |what: &str, make: Make| {
-            let name = name_of(format!("{value} {place} {what}").as_bytes());
+            let name = name_of(Hash::of(format!("{value} {place} {what}").as_bytes()));
             let shape = shape.clone();
-            self.columns.insert(name.clone(), Column::Made(Arc::new(move || make(&shape))));
+            self.columns.insert(name.clone(), Content::Made(Arc::new(move || make(&shape))));
             name
         };
-        let edge = (!is_solid).then(|| later("edge", Box::new(|shape| bytes_of(&shape.edges()))));
+        let edge =
+            (!shape.is_solid).then(|| later("edge", Box::new(|shape| bytes_of(&shape.edges()))));
         let parameter = shape.has_parameters().then(|| {
             later("parameter", Box::new(|shape| bytes_of(&shape.parameters().unwrap_or_default())))
         });
-        let fields = fields.into_iter().map(|field| {
+        let fields = shape.fields.iter().cloned().map(|field| {
             let Field { name, on, range, usual } = &field;
             let mut about =
                 json!({ "name": name, "on": on.word(), "range": range, "usual": usual });
@@ -182,7 +193,7 @@ impl Shown {
         });
         let fields = Vec::from_iter(fields);
         json!({
-            "solid": is_solid,
+            "solid": shape.is_solid,
             "position": position,
             "normal": normal,
             "color": color,
@@ -197,24 +208,32 @@ impl Shown {
 
     /// The pixels of a picture, with 255 behind each.
     fn image(&mut self, image: &Image) -> Json {
-        let longest = image.width().max(image.height()).max(1);
-        let share = (MOST_PIXELS as f64 / longest as f64).min(1.0);
-        let size = [image.width(), image.height()];
-        let size = size.map(|side| ((side as f64 * share) as usize).max(side.min(1)));
-        let smaller = (share < 1.0).then(|| fitted(image, size));
-        let pixels = smaller.as_ref().unwrap_or(image).pixels();
-        let pixels: Vec<[u8; 4]> = pixels.iter().map(|&[r, g, b]| [r, g, b, 255]).collect();
-        json!({ "column": self.keep(pixels), "size": size })
+        let hash = hash_of(image);
+        let (pixels, size) = self.pixels.remove(&hash).unwrap_or_else(|| pixels_of(image));
+        let about = json!({ "column": self.keep(&pixels), "size": size });
+        self.pixels.insert(hash, (pixels, size));
+        about
     }
 
     /// Keeps a column, and gives its name.
-    fn keep<T: NoUninit + Send + Sync>(&mut self, items: Vec<T>) -> String {
-        let bytes = Bytes::from_owner(Plain(items));
-        let name = name_of(&bytes);
-        self.size += bytes.len();
-        self.columns.insert(name.clone(), Column::Ready(bytes));
+    fn keep<T: NoUninit + Send + Sync>(&mut self, items: &Column<T>) -> String {
+        let name = name_of(items.hash());
+        self.size += items.size();
+        let bytes = Bytes::from_owner(Plain(items.clone()));
+        self.columns.insert(name.clone(), Content::Ready(bytes));
         name
     }
+}
+
+/// The pixels of a picture, and the size in which every graphics card takes it.
+fn pixels_of(image: &Image) -> (Column<[u8; 4]>, [usize; 2]) {
+    let longest = image.width().max(image.height()).max(1);
+    let share = (MOST_PIXELS as f64 / longest as f64).min(1.0);
+    let size = [image.width(), image.height()];
+    let size = size.map(|side| ((side as f64 * share) as usize).max(side.min(1)));
+    let smaller = (share < 1.0).then(|| fitted(image, size));
+    let pixels = smaller.as_ref().unwrap_or(image).pixels();
+    (pixels.iter().map(|&[r, g, b]| [r, g, b, 255]).collect(), size)
 }
 
 /// What is seen of a value, with marks where it is not as it is asked to be.
@@ -224,9 +243,9 @@ fn marked(mut layers: Vec<Layer>, broken: &[Broken]) -> Vec<Layer> {
 }
 
 /// Items as bytes.
-struct Plain<T>(Vec<T>);
+struct Plain<T>(Column<T>);
 
-impl<T: NoUninit> AsRef<[u8]> for Plain<T> {
+impl<T: NoUninit + Send + Sync> AsRef<[u8]> for Plain<T> {
     fn as_ref(&self) -> &[u8] {
         bytemuck::cast_slice(&self.0)
     }
@@ -236,11 +255,9 @@ fn bytes_of<T: NoUninit>(items: &[T]) -> Vec<u8> {
     bytemuck::cast_slice(items).to_vec()
 }
 
-/// The name of a column with these bytes.
-fn name_of(bytes: &[u8]) -> String {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_rayon(bytes);
-    hasher.finalize().to_hex()[..32].to_owned()
+/// The name of a column of which the content, or what it is made of, has this hash.
+fn name_of(hash: Hash) -> String {
+    hash.to_string()[..32].to_owned()
 }
 
 /// A series as pages draw it: every n-th of very many numbers.
@@ -327,7 +344,7 @@ mod tests {
         for kind in TYPES {
             let mut seen = 0;
             for value in kind.hostile() {
-                let shown = Shown::new(value.clone(), value.show(), Vec::new(), None);
+                let shown = Shown::new(value.clone(), value.show(), Vec::new(), None, None);
                 let mut all = Vec::new();
                 names(&shown.about, &mut all);
                 let series = shown.about["series"].as_array().map_or(0, Vec::len);
@@ -338,6 +355,29 @@ mod tests {
                 }
             }
             assert!(seen > 0, "{} has neither columns nor series", kind.name);
+        }
+    }
+
+    #[test]
+    fn what_was_shown_before_changes_nothing_of_what_is_shown() {
+        let bytes = |shown: &Shown| {
+            let columns = shown.columns.iter();
+            let mut columns = Vec::from_iter(columns.map(|(name, it)| (name.clone(), it.bytes())));
+            columns.sort();
+            columns
+        };
+        for kind in TYPES {
+            let values = kind.hostile();
+            let anew =
+                |value: &AnyValue| Shown::new(value.clone(), value.show(), Vec::new(), None, None);
+            for pair in values.windows(2) {
+                let (before, anew) = (anew(&pair[0]), anew(&pair[1]));
+                let after =
+                    Shown::new(pair[1].clone(), pair[1].show(), Vec::new(), None, Some(&before));
+                assert_eq!(after.about, anew.about, "{}", kind.name);
+                assert!(bytes(&after) == bytes(&anew), "{}", kind.name);
+                assert_eq!(after.size(), anew.size(), "{}", kind.name);
+            }
         }
     }
 }

@@ -33,19 +33,19 @@ pub(super) struct Scene<'a> {
 struct Skin<'a> {
     /// Where its corners and its vertices begin in the scene.
     first: [u32; 2],
-    normals: Data<[f32; 3]>,
+    normals: Data<'a, [f32; 3]>,
     /// Whether the normals were computed here.
     computed: bool,
     paint: Paint<'a>,
 }
 
 /// Data at the corners of faces, or at their vertices.
-pub(super) enum Data<T> {
-    Vertex(Vec<T>),
-    Corner(Vec<T>),
+pub(super) enum Data<'a, T: Clone> {
+    Vertex(Cow<'a, [T]>),
+    Corner(Cow<'a, [T]>),
 }
 
-impl<T: Copy> Data<T> {
+impl<T: Copy> Data<'_, T> {
     pub(super) fn at(&self, corner: u32, vertex: u32) -> T {
         match self {
             Self::Vertex(data) => data[vertex as usize],
@@ -57,8 +57,8 @@ impl<T: Copy> Data<T> {
 /// The color of the surface.
 pub(super) enum Paint<'a> {
     Clay,
-    Colors(Data<Rgb>),
-    Texture(&'a Image, Data<[f64; 2]>),
+    Colors(Data<'a, Rgb>),
+    Texture(&'a Image, Data<'a, [f64; 2]>),
 }
 
 /// One triangle, in the order of the corners of its face.
@@ -143,7 +143,7 @@ impl<'a> Skin<'a> {
         let turn = |normal: Vector3<f64>| camera.turn(normal).cast::<f32>().into();
         let turn_all = |normals: &[[f64; 3]]| {
             let normals = normals.par_iter().with_min_len(CHUNK);
-            normals.map(|&normal| turn(normal.into())).collect()
+            normals.map(|&normal| turn(normal.into())).collect::<Vec<_>>().into()
         };
         let given = match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
             (Some(corner), _) => Some(Data::Corner(turn_all(corner))),
@@ -158,7 +158,7 @@ impl<'a> Skin<'a> {
 }
 
 impl Triangle {
-    fn corner<T: Copy>(&self, k: usize, data: &Data<T>) -> T {
+    fn corner<T: Copy>(&self, k: usize, data: &Data<'_, T>) -> T {
         data.at(self.corners[k], self.vertices[k])
     }
 }
@@ -218,15 +218,15 @@ impl<'a> Paint<'a> {
         let picture = mesh.texture().filter(|picture| !picture.pixels().is_empty());
         if let Some(picture) = picture {
             if let Some(uv) = mesh.corner().pairs("uv") {
-                return Self::Texture(picture, Data::Corner(uv.to_vec()));
+                return Self::Texture(picture, Data::Corner((&uv[..]).into()));
             }
             if let Some(uv) = mesh.vertex().pairs("uv") {
-                return Self::Texture(picture, Data::Vertex(uv.to_vec()));
+                return Self::Texture(picture, Data::Vertex((&uv[..]).into()));
             }
         }
         match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
-            (Some(colors), _) => Self::Colors(Data::Corner(colors.to_vec())),
-            (None, Some(colors)) => Self::Colors(Data::Vertex(colors.to_vec())),
+            (Some(colors), _) => Self::Colors(Data::Corner((&colors[..]).into())),
+            (None, Some(colors)) => Self::Colors(Data::Vertex((&colors[..]).into())),
             (None, None) => Self::Clay,
         }
     }

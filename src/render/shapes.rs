@@ -3,13 +3,18 @@
 //!
 //! What is seen is what [`render_layers`](super::render_layers) draws: the same normals, colors and solids. Places are single precision,
 //! measured from a `center` in units of a `scale`; both are round numbers, so that a small change of a value does not move all of it.
+//! Where only some vertices have moved, a shape is [made of the one before](after).
+
+use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
 use super::scene::{Data, FLAT, Paint, fans_of};
 use super::solid::meshes_of;
 use crate::parallel::*;
-use crate::value::{Attribute, Axes, Image, Layer, Mesh, On, Rgb, bounds};
+use crate::value::{Attribute, Axes, Column, Image, Layer, Mesh, On};
+
+mod after;
 
 /// Triangles that one task looks at.
 const CHUNK: usize = 8192;
@@ -21,32 +26,46 @@ const NONE: u32 = u32::MAX;
 pub(crate) struct Shapes {
     /// Which way its axes go.
     pub(crate) axes: Axes,
-    /// What places are measured from, in mm.
-    pub(crate) center: Point3<f64>,
-    /// The unit of places, in mm.
-    pub(crate) scale: f64,
+    pub(crate) ruler: Ruler,
     /// Its faces, each mesh by itself, then the solids of points, lines and arrows.
-    pub(crate) shapes: Vec<Shape>,
+    pub(crate) shapes: Vec<Arc<Shape>>,
+}
+
+/// How places are measured.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Ruler {
+    /// From where, in mm.
+    pub(crate) center: Point3<f64>,
+    /// The unit, in mm.
+    pub(crate) scale: f64,
 }
 
 /// One mesh.
 pub(crate) struct Shape {
     mesh: Mesh,
+    ruler: Ruler,
     /// Whether it is made of points, lines and arrows.
     pub(crate) is_solid: bool,
-    pub(crate) places: Vec<[f32; 3]>,
+    pub(crate) places: Column<[f32; 3]>,
     /// Three numbers of ten bits, -511 to 511 for -1 to 1, from the lowest bit on.
-    pub(crate) normals: Vec<u32>,
+    pub(crate) normals: Column<u32>,
     /// sRGB, and 255.
-    pub(crate) colors: Option<Vec<[u8; 4]>>,
+    pub(crate) colors: Option<Column<[u8; 4]>>,
     /// From the lower left corner of the texture.
-    pub(crate) uv: Option<Vec<[f32; 2]>>,
-    pub(crate) triangles: Vec<[u32; 3]>,
+    pub(crate) uv: Option<Column<[f32; 2]>>,
+    pub(crate) triangles: Column<[u32; 3]>,
+    pub(crate) fields: Arc<[Field]>,
     /// The vertex of the mesh of each vertex here.
-    origins: Vec<u32>,
+    origins: Column<u32>,
+    /// The normals of the mesh's vertices, if they were computed.
+    computed: Option<Column<[f32; 3]>>,
+    leaning: Vec<Leaning>,
+    /// Whether a vertex of the mesh can be several here, because its corners have other data.
+    is_split: bool,
 }
 
 /// Numbers that a mesh has, to be shown as colors.
+#[derive(Clone)]
 pub(crate) struct Field {
     pub(crate) name: String,
     /// Vertices, or corners or faces.
@@ -57,99 +76,102 @@ pub(crate) struct Field {
     pub(crate) usual: [f64; 2],
 }
 
+/// A triangle with corners at which a computed normal leans too far away from it: it has a vertex of its own there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Leaning {
+    triangle: usize,
+    corners: [bool; 3],
+    /// Its own normal, packed.
+    normal: u32,
+}
+
 impl Shapes {
-    /// Nothing if none of it lies in space.
-    pub(crate) fn of(layers: &[Layer]) -> Option<Self> {
+    /// Nothing if none of it lies in space. What was shown `before` in the same place is a start.
+    pub(crate) fn of(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
-        let all = meshes.iter().flat_map(|(mesh, _)| mesh.positions().iter());
-        let (low, high) = bounds(all)?;
+        let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.known_bounds());
+        let (low, high) = bounds.reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
         // Halves, because the difference of two huge numbers is infinite.
         let half = (high.coords / 2.0 - low.coords / 2.0).amax();
         let scale = if half > 0.0 { libm::exp2(libm::log2(half).ceil()) } else { 1.0 };
         let middle = low.coords / 2.0 + high.coords / 2.0;
         let center = Point3::from(middle.map(|x| (x / scale).round() * scale));
-        let shape = |(mesh, is_solid)| Shape::new(mesh, is_solid, center, scale);
-        let shapes = meshes.into_iter().map(shape).collect();
-        Some(Self { axes, center, scale, shapes })
+        let ruler = Ruler { center, scale };
+        let shape = |(place, (mesh, is_solid)): (usize, (Mesh, bool))| {
+            let after = before.get(place).and_then(|before| before.after(&mesh, is_solid, ruler));
+            after.unwrap_or_else(|| Shape::new(mesh, is_solid, ruler)).into()
+        };
+        let shapes = meshes.into_iter().enumerate().map(shape).collect();
+        Some(Self { axes, ruler, shapes })
+    }
+}
+
+impl Ruler {
+    fn at(&self, place: Point3<f64>) -> [f32; 3] {
+        ((place - self.center) / self.scale).map(|x| x as f32).into()
     }
 }
 
 impl Shape {
-    fn new(mesh: Mesh, is_solid: bool, center: Point3<f64>, scale: f64) -> Self {
+    fn new(mesh: Mesh, is_solid: bool, ruler: Ruler) -> Self {
         let corners = mesh.faces().corners();
-        let fans = (mesh.faces().sides() != Some(3)).then(|| fans_of(&[&mesh]));
-        let count = fans.as_ref().map_or(corners.len() / 3, Vec::len);
-        // The corners of the mesh's faces that each triangle has.
-        let corner = |triangle: usize, k: usize| match &fans {
-            Some(fans) => fans[triangle][k] as usize,
-            None => 3 * triangle + k,
-        };
-        let paint = Paint::of(&mesh);
-        let normals = Normals::of(&mesh);
-        let by_corner = normals.is_by_corner() || paint.is_by_corner();
-        let mut origins: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-        // The vertex here of each corner.
-        let mut places = corners.to_vec();
-        if by_corner {
-            let key = |corner: usize| {
-                let vertex = corners[corner];
-                let uv = paint.uv(corner as u32, vertex).unwrap_or_default();
-                let [r, g, b] = paint.color(corner as u32, vertex).unwrap_or_default();
+        let (paint, normals) = (Paint::of(&mesh), Normals::of(&mesh));
+        let split = (normals.is_by_corner() || paint.is_by_corner()).then(|| {
+            let key = |corner: u32| {
+                let vertex = corners[corner as usize];
+                let uv = paint.uv(corner, vertex).unwrap_or_default();
+                let [r, g, b] = paint.color(corner, vertex).unwrap_or_default();
                 let color = u32::from_le_bytes([r, g, b, 0]);
                 [normals.at(corner, vertex), color, uv[0].to_bits(), uv[1].to_bits()]
             };
-            (places, origins) = welded(corners, mesh.positions().len(), key);
-        }
-        let mut corner_of = vec![NONE; origins.len()];
-        for (corner, place) in places.iter().enumerate() {
-            corner_of[*place as usize] = corner as u32;
-        }
-        let mut triangles: Vec<[u32; 3]> = (0..count)
-            .into_par_iter()
-            .with_min_len(CHUNK)
-            .map(|triangle| [0, 1, 2].map(|k| places[corner(triangle, k)]))
-            .collect();
-        let mut packed =
-            Vec::from_iter(origins.iter().zip(&corner_of).map(|(&vertex, &corner)| {
-                if corner == NONE { 0 } else { normals.at(corner as usize, vertex) }
-            }));
-        // Where a normal leans too far away from its face, the face has a vertex of its own there.
-        for (triangle, flat) in normals.leaning(&mesh, &triangles, &origins) {
-            for (k, flat) in flat.into_iter().enumerate() {
-                let Some(flat) = flat else { continue };
-                let place = &mut triangles[triangle][k];
-                let (origin, corner) = (origins[*place as usize], corner_of[*place as usize]);
-                *place = origins.len() as u32;
-                origins.push(origin);
-                corner_of.push(corner);
-                packed.push(flat);
-            }
-        }
-        let at = |vertex: usize| {
-            let place = mesh.positions()[vertex];
-            ((place - center) / scale).map(|x| x as f32).into()
+            welded(corners, mesh.positions().len(), key)
+        });
+        let is_split = split.is_some();
+        // The vertex here of each corner.
+        let (of_corners, firsts) = match &split {
+            Some((of_corners, firsts)) => (&of_corners[..], Some(&firsts[..])),
+            None => (&corners[..], None),
         };
-        let of_corner = |k: usize| (corner_of[k] != NONE).then_some((corner_of[k], origins[k]));
-        let all = 0..origins.len();
-        let colors = paint.has_colors().then(|| {
-            let color = |k| of_corner(k).and_then(|(corner, vertex)| paint.color(corner, vertex));
-            all.clone().map(|k| opaque(color(k).unwrap_or_default())).collect()
-        });
-        let uv = paint.has_uv().then(|| {
-            let uv = |k| of_corner(k).and_then(|(corner, vertex)| paint.uv(corner, vertex));
-            all.map(|k| uv(k).unwrap_or_default()).collect()
-        });
-        let places = origins.par_iter().with_min_len(CHUNK).map(|&vertex| at(vertex as usize));
-        let places = places.collect();
-        let normals = packed;
-        drop(paint);
-        Self { mesh, is_solid, places, normals, colors, uv, triangles, origins }
+        let fans = Fans::of(&mesh);
+        let shared = |triangle| fans.vertices(triangle, of_corners);
+        let lean = |triangle| normals.lean(&mesh, &fans, triangle);
+        let leaning: Vec<Leaning> = (0..fans.len()).into_par_iter().filter_map(lean).collect();
+        let count = firsts.map_or(mesh.positions().len(), <[u32]>::len);
+        let own = Own::of(&leaning, count, shared);
+        let mut triangles: Vec<[u32; 3]> = list(fans.len(), shared);
+        own.patch(&leaning, shared, |triangle, vertices| triangles[triangle] = vertices);
+
+        let seen = Seen { mesh: &mesh, ruler, paint: &paint, normals: &normals, firsts, own: &own };
+        let count = own.end();
+        let places = list(count, |k| seen.place(k)).into();
+        let packed = list(count, |k| seen.normal(k)).into();
+        let colors = paint.has_colors().then(|| list(count, |k| seen.color(k)).into());
+        let uv = paint.has_uv().then(|| list(count, |k| seen.uv(k)).into());
+        let origins = list(count, |k| seen.origin(k)).into();
+        let (triangles, fields) = (triangles.into(), fields_of(&mesh).into());
+        let computed = normals.computed().cloned();
+        drop((fans, paint, normals));
+        Self {
+            mesh,
+            ruler,
+            is_solid,
+            places,
+            normals: packed,
+            colors,
+            uv,
+            triangles,
+            fields,
+            origins,
+            computed,
+            leaning,
+            is_split,
+        }
     }
 
-    /// How much memory it holds, in bytes, without the mesh.
+    /// How much memory it holds beside the mesh and what is shown of it, in bytes.
     pub(crate) fn size(&self) -> usize {
-        let vertex = size_of_val(&self.places[..]) + size_of_val(&self.normals[..]);
-        vertex + size_of_val(&self.triangles[..]) + size_of_val(&self.origins[..])
+        let computed = self.computed.as_ref().map_or(0, Column::size);
+        self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
     /// The picture on it.
@@ -177,40 +199,6 @@ impl Shape {
         let uv = self.mesh.vertex().pairs("uv")?;
         let pair = |&vertex: &u32| uv[vertex as usize].map(|x| x as f32);
         Some(self.origins.iter().map(pair).collect())
-    }
-
-    /// The numbers that it has beside those which are seen anyway.
-    pub(crate) fn fields(&self) -> Vec<Field> {
-        let all = [
-            (On::Vertex, self.mesh.vertex()),
-            (On::Corner, self.mesh.corner()),
-            (On::Face, self.mesh.face()),
-        ];
-        let named = all.into_iter().flat_map(|(on, attributes)| {
-            attributes.iter().map(move |(name, attribute)| (on, name, attribute))
-        });
-        let field = |(on, name, attribute): (On, &str, &Attribute)| {
-            if name == "normal" {
-                return None;
-            }
-            let mut numbers = Vec::from_iter(numbers_of(attribute)?.filter(|x| x.is_finite()));
-            let range = numbers
-                .iter()
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &x| [a.min(x), b.max(x)]);
-            if numbers.is_empty() {
-                return None;
-            }
-            let tenth = (numbers.len() - 1) / 10;
-            let last = numbers.len() - 1 - tenth;
-            let low = *numbers.select_nth_unstable_by(tenth, f64::total_cmp).1;
-            let high = *numbers.select_nth_unstable_by(last, f64::total_cmp).1;
-            let more = (high - low) / 2.0;
-            let usual = [range[0].max(low - more), range[1].min(high + more)];
-            let usual = if low < high { usual } else { range };
-            let name = name.to_owned();
-            Some(Field { name, on, range, usual })
-        };
-        named.filter_map(field).collect()
     }
 
     /// The numbers of a field: for each vertex here if it is one of vertices, else for each corner of each triangle.
@@ -241,6 +229,36 @@ impl Shape {
     }
 }
 
+/// The numbers that a mesh has beside those which are seen anyway.
+fn fields_of(mesh: &Mesh) -> Vec<Field> {
+    let all = [(On::Vertex, mesh.vertex()), (On::Corner, mesh.corner()), (On::Face, mesh.face())];
+    let named = all.into_iter().flat_map(|(on, attributes)| {
+        attributes.iter().map(move |(name, attribute)| (on, name, attribute))
+    });
+    let field = |(on, name, attribute): (On, &str, &Attribute)| {
+        if name == "normal" {
+            return None;
+        }
+        let mut numbers = Vec::from_iter(numbers_of(attribute)?.filter(|x| x.is_finite()));
+        let range = numbers
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &x| [a.min(x), b.max(x)]);
+        if numbers.is_empty() {
+            return None;
+        }
+        let tenth = (numbers.len() - 1) / 10;
+        let last = numbers.len() - 1 - tenth;
+        let low = *numbers.select_nth_unstable_by(tenth, f64::total_cmp).1;
+        let high = *numbers.select_nth_unstable_by(last, f64::total_cmp).1;
+        let more = (high - low) / 2.0;
+        let usual = [range[0].max(low - more), range[1].min(high + more)];
+        let usual = if low < high { usual } else { range };
+        let name = name.to_owned();
+        Some(Field { name, on, range, usual })
+    };
+    named.filter_map(field).collect()
+}
+
 /// The numbers of an attribute, lengths of vectors among them; none of colors and pairs.
 fn numbers_of(attribute: &Attribute) -> Option<Box<dyn Iterator<Item = f64> + '_>> {
     Some(match attribute {
@@ -252,56 +270,149 @@ fn numbers_of(attribute: &Attribute) -> Option<Box<dyn Iterator<Item = f64> + '_
     })
 }
 
-fn opaque([r, g, b]: Rgb) -> [u8; 4] {
-    [r, g, b, 255]
+/// So many items, each made on some thread.
+fn list<T: Send>(count: usize, item: impl Fn(usize) -> T + Copy + Send + Sync) -> Vec<T> {
+    (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect()
 }
 
 /// One vertex for all corners at a vertex that have the same key, vertices without corners left out: the new vertex of each corner, and
-/// the old one of each new vertex.
+/// the first corner of each new vertex.
 fn welded<K: PartialEq>(
     corners: &[u32],
     vertices: usize,
-    key: impl Fn(usize) -> K,
+    key: impl Fn(u32) -> K,
 ) -> (Vec<u32>, Vec<u32>) {
     let (mut first, mut next) = (vec![NONE; vertices], Vec::new());
-    let (mut keys, mut origins) = (Vec::new(), Vec::new());
+    let (mut keys, mut firsts) = (Vec::new(), Vec::new());
     let place = |(corner, &vertex): (usize, &u32)| {
-        let key = key(corner);
+        let key = key(corner as u32);
         let mut place = first[vertex as usize];
         while place != NONE && keys[place as usize] != key {
             place = next[place as usize];
         }
         if place == NONE {
-            place = origins.len() as u32;
+            place = firsts.len() as u32;
             next.push(std::mem::replace(&mut first[vertex as usize], place));
             keys.push(key);
-            origins.push(vertex);
+            firsts.push(corner as u32);
         }
         place
     };
     let places = corners.iter().enumerate().map(place).collect();
-    (places, origins)
+    (places, firsts)
 }
 
-/// The normals of a mesh, packed.
-enum Normals {
-    Given(Data<u32>),
-    /// By vertex, as they are and packed.
-    Computed(Vec<Vector3<f64>>, Vec<u32>),
+/// The triangles of a mesh's faces.
+struct Fans<'a> {
+    mesh: &'a Mesh,
+    /// The corners of each, if the faces have different numbers of them.
+    mixed: Option<Vec<[u32; 3]>>,
 }
 
-impl Normals {
-    fn of(mesh: &Mesh) -> Self {
-        let pack_all = |normals: &[[f64; 3]]| normals.iter().map(|&n| packed(n.into())).collect();
-        match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
-            (Some(corner), _) => Self::Given(Data::Corner(pack_all(corner))),
-            (None, Some(vertex)) => Self::Given(Data::Vertex(pack_all(vertex))),
-            (None, None) => {
-                let normals = mesh.vertex_normals();
-                let each = normals.par_iter().with_min_len(CHUNK).map(|&normal| packed(normal));
-                let packed = each.collect();
-                Self::Computed(normals, packed)
+impl<'a> Fans<'a> {
+    fn of(mesh: &'a Mesh) -> Self {
+        let mixed = mesh.faces().sides().is_none().then(|| fans_of(&[mesh]));
+        Self { mesh, mixed }
+    }
+
+    fn len(&self) -> usize {
+        match &self.mixed {
+            Some(fans) => fans.len(),
+            None => self.mesh.faces().len() * self.of_face(),
+        }
+    }
+
+    /// How many each face has, if that is the same for all.
+    fn of_face(&self) -> usize {
+        self.mesh.faces().sides().map_or(0, |sides| sides - 2)
+    }
+
+    /// The corners of the mesh's faces that a triangle has.
+    fn corners(&self, triangle: usize) -> [usize; 3] {
+        if let Some(fans) = &self.mixed {
+            return fans[triangle].map(|corner| corner as usize);
+        }
+        let (face, k) = (triangle / self.of_face(), triangle % self.of_face());
+        let first = face * (self.of_face() + 2);
+        [first, first + k + 1, first + k + 2]
+    }
+
+    /// Its vertices, of which these are those of all corners.
+    fn vertices(&self, triangle: usize, of_corners: &[u32]) -> [u32; 3] {
+        self.corners(triangle).map(|corner| of_corners[corner])
+    }
+}
+
+/// The vertices that single triangles have to themselves, behind those that they share: with room for some more, so that a few more or
+/// less leave all others where they are.
+struct Own {
+    /// How many are shared.
+    count: usize,
+    /// The shared one in its place, and its normal.
+    vertices: Vec<(u32, u32)>,
+}
+
+impl Own {
+    fn of(leaning: &[Leaning], count: usize, vertices: impl Fn(usize) -> [u32; 3]) -> Self {
+        let mut own = Vec::new();
+        for Leaning { triangle, corners, normal } in leaning {
+            let vertices = vertices(*triangle).into_iter().zip(corners);
+            own.extend(vertices.filter(|(_, leans)| **leans).map(|(vertex, _)| (vertex, *normal)));
+        }
+        own.resize(Self::room(own.len(), count), (0, 0));
+        Self { count, vertices: own }
+    }
+
+    fn room(own: usize, count: usize) -> usize {
+        own.next_multiple_of(count / 64 + 1)
+    }
+
+    /// How many vertices there are in all.
+    fn end(&self) -> usize {
+        self.count + self.vertices.len()
+    }
+
+    /// The vertex in whose place this one is.
+    fn shared(&self, place: usize) -> usize {
+        place.checked_sub(self.count).map_or(place, |own| self.vertices[own].0 as usize)
+    }
+
+    fn normal(&self, place: usize) -> Option<u32> {
+        place.checked_sub(self.count).map(|own| self.vertices[own].1)
+    }
+
+    /// Tells for each leaning triangle its vertices.
+    fn patch(
+        &self,
+        leaning: &[Leaning],
+        shared: impl Fn(usize) -> [u32; 3],
+        mut to: impl FnMut(usize, [u32; 3]),
+    ) {
+        let mut next = self.count as u32;
+        for Leaning { triangle, corners, .. } in leaning {
+            let mut vertices = shared(*triangle);
+            for (vertex, _) in vertices.iter_mut().zip(corners).filter(|(_, leans)| **leans) {
+                *vertex = next;
+                next += 1;
             }
+            to(*triangle, vertices);
+        }
+    }
+}
+
+/// The normals of a mesh.
+enum Normals<'a> {
+    Given(Data<'a, [f64; 3]>),
+    /// By vertex.
+    Computed(Column<[f32; 3]>),
+}
+
+impl<'a> Normals<'a> {
+    fn of(mesh: &'a Mesh) -> Self {
+        match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
+            (Some(corner), _) => Self::Given(Data::Corner((&corner[..]).into())),
+            (None, Some(vertex)) => Self::Given(Data::Vertex((&vertex[..]).into())),
+            (None, None) => Self::Computed(mesh.single_normals()),
         }
     }
 
@@ -309,37 +420,79 @@ impl Normals {
         matches!(self, Self::Given(Data::Corner(_)))
     }
 
-    fn at(&self, corner: usize, vertex: u32) -> u32 {
+    fn computed(&self) -> Option<&Column<[f32; 3]>> {
         match self {
-            Self::Given(data) => data.at(corner as u32, vertex),
-            Self::Computed(_, packed) => packed[vertex as usize],
+            Self::Computed(normals) => Some(normals),
+            Self::Given(_) => None,
         }
     }
 
-    /// The triangles with a corner at which a computed normal leans too far away, and their own normal there.
-    fn leaning(
-        &self,
-        mesh: &Mesh,
-        triangles: &[[u32; 3]],
-        origins: &[u32],
-    ) -> Vec<(usize, [Option<u32>; 3])> {
-        let Self::Computed(normals, _) = self else { return Vec::new() };
-        let leaning = |(index, triangle): (usize, &[u32; 3])| {
-            let vertices = triangle.map(|place| origins[place as usize] as usize);
-            let [a, b, c] = vertices.map(|vertex| mesh.positions()[vertex]);
-            let flat = (b - a).cross(&(c - a)).try_normalize(0.0)?;
-            let leans = |vertex: usize| normals[vertex].dot(&flat) < f64::from(FLAT);
-            let leaning = vertices.map(|vertex| leans(vertex).then(|| packed(flat)));
-            leaning.iter().any(Option::is_some).then_some((index, leaning))
-        };
-        let chunks = triangles.par_chunks(CHUNK).enumerate();
-        let found: Vec<Vec<_>> = chunks
-            .map(|(chunk, part)| {
-                let each = part.iter().enumerate();
-                each.filter_map(|(k, triangle)| leaning((chunk * CHUNK + k, triangle))).collect()
-            })
-            .collect();
-        found.into_iter().flatten().collect()
+    /// Packed.
+    fn at(&self, corner: u32, vertex: u32) -> u32 {
+        match self {
+            Self::Given(data) => packed(data.at(corner, vertex).into()),
+            Self::Computed(normals) => packed(Vector3::from(normals[vertex as usize]).cast()),
+        }
+    }
+
+    /// Whether a computed normal leans too far away from a triangle at a corner of it.
+    fn lean(&self, mesh: &Mesh, fans: &Fans<'_>, triangle: usize) -> Option<Leaning> {
+        let normals = self.computed()?;
+        let vertices = fans.vertices(triangle, mesh.faces().corners()).map(|k| k as usize);
+        let [a, b, c] = vertices.map(|vertex| mesh.positions()[vertex]);
+        let flat = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        let lean =
+            |vertex: usize| Vector3::from(normals[vertex]).cast().dot(&flat) < f64::from(FLAT);
+        let corners = vertices.map(lean);
+        let normal = packed(flat);
+        corners.contains(&true).then_some(Leaning { triangle, corners, normal })
+    }
+}
+
+/// What is at the vertices of a shape.
+#[derive(Clone, Copy)]
+struct Seen<'a> {
+    mesh: &'a Mesh,
+    ruler: Ruler,
+    paint: &'a Paint<'a>,
+    normals: &'a Normals<'a>,
+    /// One corner of each vertex that is shared; none if they are the mesh's vertices, all data of which are their own.
+    firsts: Option<&'a [u32]>,
+    own: &'a Own,
+}
+
+impl Seen<'_> {
+    /// The vertex of the mesh here.
+    fn origin(&self, k: usize) -> u32 {
+        self.corner_and_vertex(k).1
+    }
+
+    fn place(&self, k: usize) -> [f32; 3] {
+        self.ruler.at(self.mesh.positions()[self.origin(k) as usize])
+    }
+
+    fn normal(&self, k: usize) -> u32 {
+        let (corner, vertex) = self.corner_and_vertex(k);
+        self.own.normal(k).unwrap_or_else(|| self.normals.at(corner, vertex))
+    }
+
+    fn color(&self, k: usize) -> [u8; 4] {
+        let (corner, vertex) = self.corner_and_vertex(k);
+        let [r, g, b] = self.paint.color(corner, vertex).unwrap_or_default();
+        [r, g, b, 255]
+    }
+
+    fn uv(&self, k: usize) -> [f32; 2] {
+        let (corner, vertex) = self.corner_and_vertex(k);
+        self.paint.uv(corner, vertex).unwrap_or_default()
+    }
+
+    fn corner_and_vertex(&self, k: usize) -> (u32, u32) {
+        let shared = self.own.shared(k);
+        match self.firsts {
+            Some(firsts) => (firsts[shared], self.mesh.faces().corners()[firsts[shared] as usize]),
+            None => (NONE, shared as u32),
+        }
     }
 }
 
@@ -360,8 +513,8 @@ mod tests {
         Mesh::new(points, Faces::triangles(faces.to_vec())).unwrap()
     }
 
-    fn shape(mesh: Mesh) -> Shape {
-        Shapes::of(&[Layer::Triangles(Box::new(mesh))]).unwrap().shapes.remove(0)
+    fn shape(mesh: Mesh) -> Arc<Shape> {
+        Shapes::of(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap().shapes.remove(0)
     }
 
     fn unpacked(normal: u32) -> Vector3<f64> {
@@ -406,8 +559,8 @@ mod tests {
         let sheet = sheet.with_vertex("far", Attribute::Number(vec![0., 1., 2., 9.].into()));
         let sheet = shape(sheet.unwrap());
         assert_eq!(sheet.colors.as_ref().unwrap().len(), 5);
-        assert_eq!(sheet.triangles, [[0, 1, 2], [0, 3, 4]]);
-        let fields = sheet.fields();
+        assert_eq!(sheet.triangles[..], [[0, 1, 2], [0, 3, 4]]);
+        let fields = &sheet.fields;
         let names = Vec::from_iter(fields.iter().map(|field| (&field.name[..], field.range)));
         assert_eq!(names, [("far", [0., 9.]), ("part", [3., 4.])]);
         assert_eq!(sheet.field(&fields[0]), [0., 1., 2., 2., 9.]);
@@ -424,8 +577,8 @@ mod tests {
         let mut moved = points.clone();
         moved[4242][2] = 0.5;
         let after = shape(mesh(&moved, &faces));
-        let differ = before.places.iter().zip(&after.places).filter(|(a, b)| a != b).count();
-        let turned = before.normals.iter().zip(&after.normals).filter(|(a, b)| a != b).count();
+        let differ = before.places.iter().zip(&after.places[..]).filter(|(a, b)| a != b).count();
+        let turned = before.normals.iter().zip(&after.normals[..]).filter(|(a, b)| a != b).count();
         assert_eq!((differ, before.triangles == after.triangles), (1, true));
         assert!((1..=7).contains(&turned), "{turned}");
     }
@@ -434,13 +587,13 @@ mod tests {
     fn every_type_of_values_and_none_stops_the_program() {
         for kind in TYPES {
             for value in kind.hostile() {
-                let Some(shapes) = Shapes::of(&value.show()) else { continue };
+                let Some(shapes) = Shapes::of(&value.show(), &[]) else { continue };
                 for shape in &shapes.shapes {
                     let count = shape.places.len() as u32;
                     assert!(shape.triangles.iter().flatten().all(|&place| place < count));
                     assert_eq!(shape.normals.len(), shape.places.len());
                     shape.edges();
-                    shape.fields().iter().for_each(|field| drop(shape.field(field)));
+                    shape.fields.iter().for_each(|field| drop(shape.field(field)));
                 }
             }
         }

@@ -117,6 +117,26 @@ fn colors_points_curves_and_surfaces_are_drawn_as_they_are_rendered() {
     assert_is_as_rendered(&mut seen, "surface", "surface", THIN);
 }
 
+#[test]
+fn what_grows_is_drawn_as_it_is_rendered() {
+    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    seen.view("model", "mesh");
+    seen.press(&["0", "ArrowRight"]);
+    let mut before = seen.canvas();
+    // Back and forth, from flat to so steep that faces get vertices of their own, and to what was there already.
+    for (edit, growth) in [13.0, 40.0, 0.0, 39.0, 12.5, 13.0].into_iter().enumerate() {
+        seen.project.save(&seen.project.doll_text(growth));
+        seen.drawn_of(2 + edit);
+        // What is rendered is aimed at the middle of the new value.
+        seen.press(&["f"]);
+        let canvas = seen.canvas();
+        let apart = Apart::of(&canvas, &seen.rendered(0.0));
+        assert!(apart.within(FACES), "{growth}: {apart:?}");
+        assert!(!Apart::of(&canvas, &before).within(ROUNDED), "nothing has grown to {growth}");
+        before = canvas;
+    }
+}
+
 /// A red mark before a blue wall.
 fn mark() -> Project {
     let project = Project::new(

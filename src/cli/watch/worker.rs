@@ -249,15 +249,14 @@ fn viewed(
     let mut all = Seen::new();
     for viewed in views {
         let Some(value) = finished.value_of(&viewed.node, &viewed.output) else { continue };
-        let before = last.get(viewed).filter(|before| before.value.hash() == value.hash());
-        let shown = show(graph, viewed, value, session, before);
+        let shown = show(graph, viewed, value, session, last.get(viewed));
         all.insert(viewed.clone(), shown);
     }
     last.clone_from(&all);
     all
 }
 
-/// A value as it is shown: as before if that is the same.
+/// A value as it is shown: as the `last` time if that is the same.
 fn show(
     graph: &Graph,
     viewed: &Viewed,
@@ -267,9 +266,10 @@ fn show(
 ) -> Arc<Shown> {
     let place = graph.value_named(&format!("{}.{}", viewed.node, viewed.output));
     let asked = place.map_or(Vec::new(), |target| graph.asked_of(target));
-    let layers = if last.is_some() { Vec::new() } else { value.show() };
-    let picture = match last {
-        Some(last) => last.picture.as_ref(),
+    let same = last.filter(|last| last.value.hash() == value.hash());
+    let layers = if same.is_some() { Vec::new() } else { value.show() };
+    let picture = match same {
+        Some(same) => same.picture.as_ref(),
         None => picture_of(&layers),
     };
     let ground = picture.zip(place).and_then(|(picture, (node, _))| {
@@ -277,11 +277,12 @@ fn show(
         // Without what it was made from a value is shown alone.
         found.unwrap_or_default()
     });
-    match last {
-        Some(last) if last.lies_on(ground.as_ref()) && last.asked == asked => last.clone(),
-        Some(_) => Arc::new(Shown::new(value.clone(), value.show(), asked, ground)),
-        None => Arc::new(Shown::new(value.clone(), layers, asked, ground)),
-    }
+    let layers = match same {
+        Some(same) if same.lies_on(ground.as_ref()) && same.asked == asked => return same.clone(),
+        Some(_) => value.show(),
+        None => layers,
+    };
+    Shown::new(value.clone(), layers, asked, ground, last.map(|last| &**last)).into()
 }
 
 /// The report of a run that a fault of the engine ended.

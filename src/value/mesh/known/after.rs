@@ -20,8 +20,7 @@ impl Mesh {
         rows: &[Range<u32>],
     ) -> Column<[f32; 3]> {
         let count = self.positions.len();
-        let moved = Vertices::of(count, rows.iter().cloned().flatten());
-        let corners = self.faces_at(&moved).into_iter();
+        let corners = self.faces_with(rows).into_iter();
         let corners = corners.flat_map(|face| self.faces.face(face as usize));
         let touched = Vertices::of(count, corners.copied());
         let mut normals = vec![Vector3::zeros(); touched.count()];
@@ -34,6 +33,11 @@ impl Mesh {
         }
         normals.iter_mut().for_each(|normal| *normal = unit(*normal));
         before.with_rows(&touched.rows(), &single(&normals))
+    }
+
+    /// The faces that have a corner in these rows of vertices, in order.
+    pub(crate) fn faces_with(&self, rows: &[Range<u32>]) -> Vec<u32> {
+        self.faces_at(&Vertices::of(self.positions.len(), rows.iter().cloned().flatten()))
     }
 
     /// The faces that have a corner at one of these vertices, in order.
