@@ -27,7 +27,9 @@ impl Shape {
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
             return None;
         }
-        let (paint, normals, fans) = (Paint::of(mesh), Normals::of(mesh), Fans::of(mesh));
+        let (paint, normals) = (Paint::of(mesh), Normals::of(mesh));
+        // Where faces have different numbers of corners none leans here, and no triangle is asked for.
+        let fans = Fans { mesh, mixed: None };
         let turned = match (&self.computed, normals.computed()) {
             (Some(before), Some(now)) => now.changed(before)?,
             _ => moved.normals,
