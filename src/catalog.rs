@@ -13,9 +13,13 @@ use crate::node::{Carry, NodeType, Output, Term};
 use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
 use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
-use crate::text::ron;
-use crate::text::{inside_option, resolve, variants};
 use crate::value::{AnyValue, TYPES, ValueType};
+
+mod description;
+
+pub(crate) use description::{Description, PortDescription, ports};
+#[cfg(feature = "cli")]
+pub(crate) use description::{describe_default, describe_parameter};
 
 /// What the packs of a program offer, by name.
 ///
@@ -138,125 +142,6 @@ impl Entry {
             carries: self.carries(),
         }
     }
-}
-
-/// The documentation of a type of nodes: a built-in one, or a graph that others use.
-pub(crate) struct Description<'a> {
-    pub(crate) name: &'a str,
-    /// The pack, or the file.
-    pub(crate) pack: &'a str,
-    /// That of a graph which says one.
-    pub(crate) version: Option<&'a str>,
-    pub(crate) schema: &'a Json,
-    /// Names and types.
-    pub(crate) outputs: Vec<(String, Vec<&'static str>)>,
-    /// Outputs and what is promised of them, in words.
-    pub(crate) promises: Vec<(String, String)>,
-    /// What becomes of attributes, where that is said.
-    pub(crate) carries: &'static [Carry],
-}
-
-impl Description<'_> {
-    /// Its ports, in order.
-    pub(crate) fn ports(&self) -> Vec<PortDescription> {
-        ports(self.schema)
-    }
-
-    /// What is promised of an output, in words.
-    pub(crate) fn promised<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
-        let of_it = self.promises.iter().filter(move |(name, _)| name == output);
-        of_it.map(|(_, words)| &words[..])
-    }
-
-    pub(crate) fn to_json(&self) -> Json {
-        let ports = self.ports();
-        let mut parameters = self.schema.clone();
-        if let Some(properties) = parameters.get_mut("properties").and_then(Json::as_object_mut) {
-            properties.retain(|name, _| ports.iter().all(|port| port.name != *name));
-        }
-        if let Some(required) = parameters.get_mut("required").and_then(Json::as_array_mut) {
-            required.retain(|name| ports.iter().all(|port| name.as_str() != Some(&port.name)));
-        }
-        let outputs = self.outputs.iter().map(|(name, types)| {
-            let mut output = json!({ "name": name, "types": types });
-            let promises = Vec::from_iter(self.promised(name));
-            if !promises.is_empty() {
-                output["promises"] = json!(promises);
-            }
-            output
-        });
-        let mut told = json!({
-            "name": self.name,
-            "pack": self.pack,
-            "doc": self.schema.get("description").cloned().unwrap_or_default(),
-            "inputs": ports.iter().map(PortDescription::to_json).collect::<Vec<_>>(),
-            "outputs": outputs.collect::<Vec<_>>(),
-            "parameters": parameters,
-        });
-        if !self.carries.is_empty() {
-            told["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
-        }
-        if let Some(version) = self.version {
-            told["version"] = version.into();
-        }
-        told
-    }
-}
-
-/// A port, as it is described to people and programs.
-pub(crate) struct PortDescription {
-    pub(crate) name: String,
-    pub(crate) types: Vec<String>,
-    pub(crate) optional: bool,
-    pub(crate) many: bool,
-    /// Properties of the values, in words.
-    pub(crate) wants: Vec<String>,
-    pub(crate) doc: String,
-}
-
-impl PortDescription {
-    fn to_json(&self) -> Json {
-        let mut port = json!({
-            "name": self.name,
-            "types": self.types,
-            "optional": self.optional,
-            "many": self.many,
-            "doc": self.doc,
-        });
-        if !self.wants.is_empty() {
-            port["wants"] = json!(self.wants);
-        }
-        port
-    }
-}
-
-/// The ports among the fields of a schema, in order.
-pub(crate) fn ports(schema: &Json) -> Vec<PortDescription> {
-    let properties = schema.get("properties").and_then(Json::as_object);
-    let required = schema.get("required").and_then(Json::as_array);
-    let is_optional = |name: &str| {
-        !required.is_some_and(|required| required.iter().any(|field| field.as_str() == Some(name)))
-    };
-    let port = |(name, field): (&String, &Json)| port(name, field, is_optional(name));
-    properties.into_iter().flatten().filter_map(port).collect()
-}
-
-fn words(list: &Json) -> Vec<String> {
-    let words = list.as_array().into_iter().flatten();
-    words.filter_map(Json::as_str).map(str::to_owned).collect()
-}
-
-fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
-    let items = field.get("items").filter(|items| items.get("port").is_some());
-    let types = items.unwrap_or(field).get("types")?.as_array()?;
-    Some(PortDescription {
-        name: name.to_owned(),
-        types: types.iter().filter_map(Json::as_str).map(str::to_owned).collect(),
-        optional,
-        many: items.is_some(),
-        wants: words(&field["wants"]),
-        doc: field["description"].as_str().unwrap_or_default().to_owned(),
-    })
 }
 
 /// No format holds such a value.
@@ -455,102 +340,6 @@ fn name_endings(schema: &mut Json, readers: &Readers) {
             field["endings"] = json!(readers.endings(Some(kind)));
         }
     }
-}
-
-/// The schema of what a field takes, without the reference to it and without what says that it may be left out.
-pub(crate) fn inside(schema: &Json, root: &Json) -> Json {
-    let resolved = resolve(root, schema);
-    inside_option(&resolved).map_or(resolved, |inner| resolve(root, &inner))
-}
-
-/// What a parameter takes, on one line.
-pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
-    described(schema, root, &[])
-}
-
-/// The same within some types, by what refers to them: one that holds itself is not described for ever.
-fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
-    let refers = schema.get("$ref").and_then(Json::as_str);
-    if refers.is_some_and(|refers| within.contains(&refers)) {
-        return "..".into();
-    }
-    let within = &Vec::from_iter(within.iter().copied().chain(refers))[..];
-    let schema = &inside(schema, root);
-    let variants = variants(schema);
-    if !variants.is_empty() {
-        return variants
-            .iter()
-            .map(|(name, content)| match content {
-                None => name.clone(),
-                Some(content) => format!("{name}{}", describe_content(content, root, within)),
-            })
-            .collect::<Vec<_>>()
-            .join(" | ");
-    }
-    let unit = schema.get("unit").and_then(Json::as_str);
-    let unit = unit.map_or_else(String::new, |unit| format!(" {unit}"));
-    match schema.get("type").and_then(Json::as_str) {
-        Some("array") => {
-            let fixed = schema.get("prefixItems").and_then(Json::as_array);
-            let count = fixed.map(Vec::len).or_else(|| {
-                let bound = |name: &str| schema.get(name).and_then(Json::as_u64);
-                bound("minItems")
-                    .filter(|least| bound("maxItems") == Some(*least))
-                    .map(|n| n as usize)
-            });
-            let item =
-                |k: usize| fixed.and_then(|fixed| fixed.get(k)).or_else(|| schema.get("items"));
-            let words = |k| item(k).map_or_else(String::new, |item| described(item, root, within));
-            match count {
-                Some(count) => {
-                    let words = Vec::from_iter((0..count).map(words)).join(", ");
-                    format!("({words}){unit}")
-                }
-                None => format!("[{}, ..]{unit}", words(0)),
-            }
-        }
-        Some("object") if schema.get("properties").is_none() => "{\"name\": .., ..}".into(),
-        Some("object") => describe_content(schema, root, within),
-        Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
-        Some("boolean") => "true | false".into(),
-        Some(kind @ ("number" | "integer")) => {
-            let limit =
-                |names: [&str; 2]| names.into_iter().find_map(|name| schema.get(name)?.as_f64());
-            let (least, most) =
-                (limit(["minimum", "exclusiveMinimum"]), limit(["maximum", "exclusiveMaximum"]));
-            match (least, most) {
-                (Some(least), Some(most)) => format!("{kind} {least} to {most}{unit}"),
-                (Some(least), None) => format!("{kind} from {least}{unit}"),
-                (None, Some(most)) => format!("{kind} up to {most}{unit}"),
-                (None, None) => format!("{kind}{unit}"),
-            }
-        }
-        _ => "value".into(),
-    }
-}
-
-fn describe_content(content: &Json, root: &Json, within: &[&str]) -> String {
-    let content = resolve(root, content);
-    match content.get("properties").and_then(Json::as_object) {
-        Some(fields) => {
-            let fields = fields.iter().map(|(name, field)| {
-                let (kind, default) =
-                    (described(field, root, within), describe_default(field, root));
-                format!("{name}: {kind}{default}")
-            });
-            format!("({})", fields.collect::<Vec<_>>().join(", "))
-        }
-        None => {
-            let inner = described(&content, root, within);
-            if inner.starts_with('(') { inner } else { format!("({inner})") }
-        }
-    }
-}
-
-/// ` = default`, as a graph file would have it, if the schema has one.
-pub(crate) fn describe_default(schema: &Json, root: &Json) -> String {
-    let default = schema.get("default");
-    default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use crate::graph::{Graph, GraphNode, Options, is_name};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::reading::Readers;
-use crate::text::{check_default, inside_option, resolve, variants};
+use crate::text::{check_default, inside, resolve, variants};
 use crate::value::{AnyValue, ValueType};
 
 mod attributes;
@@ -267,8 +267,7 @@ fn change(
     path: &str,
     changes: &mut Vec<(String, String)>,
 ) {
-    let resolved = resolve(root, field);
-    let schema = inside_option(&resolved).map_or(resolved, |inner| resolve(root, &inner));
+    let schema = inside(field, root);
     match value {
         Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
         Json::Number(number) => {
@@ -279,11 +278,11 @@ fn change(
             changes.extend(others.map(|x| (path.to_owned(), x.to_string())));
         }
         Json::String(word) => {
-            let others = variants(&schema).into_iter().filter(|(name, _)| name != word);
+            let others = variants(&schema).into_iter().filter(|(name, _)| *name != word);
             // Of the fields of a variant all may have defaults.
-            let text = |(name, content): (String, Option<Json>)| match content {
+            let text = |(name, content): (&str, Option<&Json>)| match content {
                 Some(_) => (path.to_owned(), format!("{name}()")),
-                None => (path.to_owned(), name),
+                None => (path.to_owned(), name.to_owned()),
             };
             changes.extend(others.map(text));
         }
@@ -297,7 +296,7 @@ fn change(
             let choices = variants(&schema);
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
                 let chosen = choices.iter().find(|(known, _)| known == name);
-                match chosen.map(|(_, content)| content.as_ref().map(|it| resolve(root, it))) {
+                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
                     // The fields of a chosen variant stand directly behind its name in the file.
                     Some(Some(content)) if content.get("properties").is_some() => {
                         change(value, &content, root, path, changes);

@@ -15,6 +15,7 @@ mod ron;
 mod schema;
 mod sheet;
 mod shell;
+mod steps;
 mod suggest;
 mod tree;
 mod tree_reader;
@@ -31,11 +32,10 @@ pub(crate) use problems::syntax_problems;
 pub use reader::Reader;
 pub(crate) use reader::{FILE, LINK, ReadError, Slots, read_tree};
 pub(crate) use ron::{quoted, ron};
-pub(crate) use schema::{
-    Finding, FoundFile, FoundLink, Walk, as_tree, check_default, inside_option, resolve, variants,
-};
+pub(crate) use schema::{Finding, FoundFile, FoundLink, Walk, as_tree, check_default};
 pub(crate) use sheet::{Sheet, TextPart};
 pub(crate) use shell::shell;
+pub(crate) use steps::{inside, inside_option, resolve, variants};
 #[cfg(test)]
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};

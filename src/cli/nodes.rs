@@ -7,10 +7,10 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use super::{Exit, print, print_json, program, report};
-use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
+use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
 use crate::error::{Problem, Severity};
 use crate::graph::{Files, Graph, Options, Subgraph};
-use crate::text::{any_of, unknown, variants};
+use crate::text::{any_of, inside, unknown, variants};
 
 #[derive(Args)]
 pub(super) struct Nodes {
@@ -165,7 +165,7 @@ fn describe(text: &mut String, name: &str, field: &Json, root: &Json, by: usize)
     let default = describe_default(field, root);
     let choices = choices(&schema);
     let items = schema.get("items").map(|items| inside(items, root));
-    let holder = if properties(&schema).is_some() { Some(&schema) } else { items.as_ref() };
+    let holder = if properties(&schema).is_some() { Some(&*schema) } else { items.as_deref() };
     let fields = holder.and_then(properties).filter(|_| by < DEEPEST);
     let kind = match (&fields, choices.is_empty() || by >= DEEPEST) {
         (_, false) => "one of".to_owned(),
@@ -188,12 +188,13 @@ fn describe(text: &mut String, name: &str, field: &Json, root: &Json, by: usize)
 
 /// One of the choices of a parameter: its name, and what stands in the parentheses behind it.
 fn describe_choice(text: &mut String, choice: &Json, root: &Json, by: usize) {
-    let variants = variants(&json!({ "oneOf": [choice] }));
+    let only = json!({ "oneOf": [choice] });
+    let variants = variants(&only);
     for (name, content) in &variants {
-        let content = content.as_ref().map(|content| inside(content, root));
-        let Some(fields) = content.as_ref().and_then(properties) else {
-            let whole = describe_parameter(&json!({ "oneOf": [choice] }), root);
-            let whole = if variants.len() == 1 { &whole } else { name };
+        let content = content.map(|content| inside(content, root));
+        let Some(fields) = content.as_deref().and_then(properties) else {
+            let whole = describe_parameter(&only, root);
+            let whole = if variants.len() == 1 { &whole } else { *name };
             let _ = writeln!(text, "{:by$}{whole}", "");
             tell(text, doc(choice), by + 4);
             continue;

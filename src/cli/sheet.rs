@@ -10,11 +10,12 @@ use super::caching::CacheOptions;
 use super::files::{is_no_graph, without};
 use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
-use crate::catalog::{Catalog, inside};
+use crate::catalog::Catalog;
 use crate::format::png;
 use crate::graph::{Graph, Options};
 use crate::render::{Kind, Look, View, picture};
 use crate::session::Session;
+use crate::text::inside;
 use crate::value::{Image, Layer, Rgb};
 use crate::writing::{Destination, Sources};
 

@@ -10,7 +10,7 @@ use crate::catalog::Entry;
 use crate::graph::Graph;
 use crate::node::{CancelToken, Progress};
 use crate::random::Random;
-use crate::text::{inside_option, resolve, variants};
+use crate::text::{inside, resolve, variants};
 use crate::value::AnyValue;
 
 /// What is checked: a node of its example, and the values of the example.
@@ -108,8 +108,7 @@ fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
 }
 
 fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Vec<Ends>) {
-    let resolved = resolve(root, field);
-    let schema = inside_option(&resolved).map_or(resolved, |inner| resolve(root, &inner));
+    let schema = inside(field, root);
     match value {
         Json::Number(_) => numbers.push((path.to_owned(), ends(&schema))),
         Json::Array(items) => {
@@ -121,7 +120,7 @@ fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Ve
             let choices = variants(&schema);
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
                 let chosen = choices.iter().find(|(known, _)| known == name);
-                match chosen.map(|(_, content)| content.as_ref().map(|it| resolve(root, it))) {
+                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
                     // The fields of a chosen variant stand directly behind its name in the file.
                     Some(Some(content)) if content.get("properties").is_some() => {
                         collect(value, &content, root, path, numbers);

@@ -382,7 +382,7 @@ impl Reading<'_> {
                 variants(&schema).into_iter().find(|(known, _)| *known == name.text)
         {
             return bare(match content {
-                Some(content) => self.choice(tree, &name, &content, root),
+                Some(content) => self.choice(tree, &name, content, root),
                 None => Kind::Word(name.text),
             });
         }

@@ -28,9 +28,9 @@ pub(crate) fn words_in<'a>(
 pub(crate) fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let mut words = Vec::new();
     for (name, content) in variants(schema) {
-        words.extend(words_in(topic, within, [&name[..]]));
-        let content = content.map(|content| resolve(schema, &content));
-        words.extend(content.iter().flat_map(|content| words_of_fields(topic, &name, content)));
+        words.extend(words_in(topic, within, [name]));
+        let content = content.map(|content| resolve(schema, content));
+        words.extend(content.iter().flat_map(|content| words_of_fields(topic, name, content)));
     }
     words
 }

@@ -123,12 +123,11 @@ impl Hover<'_> {
                 self.word
             ));
         }
-        let place = variants(schema).iter().position(|(name, _)| name == self.word);
+        let place = variants(schema).iter().position(|(name, _)| *name == self.word);
         let Some(place) = place else { return of_language("", self.word) };
         let doc =
             schema["oneOf"].as_array().and_then(|all| all.get(place)?["description"].as_str());
-        let takes =
-            variants(schema)[place].1.as_ref().map(|content| super::slot::takes(content, root));
+        let takes = variants(schema)[place].1.map(|content| super::slot::takes(content, root));
         let head = match takes {
             Some(takes) => format!(
                 "**{}**{}",

@@ -16,6 +16,7 @@ use crate::golden;
 use crate::graph::{Expectation, Graph, Options, Word, words};
 use crate::language::TOPICS;
 use crate::paths::without_dots;
+use crate::text::inside;
 
 /// A type of nodes: built in, or a graph.
 pub(super) struct NodeKind {
@@ -202,7 +203,7 @@ impl<'a> Library<'a> {
                             "compare" => {
                                 let tolerance =
                                     &root["properties"]["compare"]["additionalProperties"];
-                                let tolerance = crate::catalog::inside(tolerance, &root);
+                                let tolerance = inside(tolerance, &root);
                                 let fields = fields_of(&tolerance, &root);
                                 field.slot =
                                     Slot::Map(Keys::AboutOutputs, Rc::new(Slot::Group(fields)));
@@ -230,7 +231,7 @@ impl<'a> Library<'a> {
     /// A case of a test.
     fn case(root: &Rc<Json>) -> Slot {
         let case = &root["properties"]["cases"]["additionalProperties"];
-        let mut fields = fields_of(&crate::catalog::inside(case, root), root);
+        let mut fields = fields_of(&inside(case, root), root);
         for field in Rc::get_mut(&mut fields).into_iter().flatten() {
             match &field.name[..] {
                 "set" => field.slot = Slot::Map(Keys::AboutValues, Rc::new(Slot::Any)),

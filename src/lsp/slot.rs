@@ -1,13 +1,14 @@
 //! What may stand at a place of a file: followed from the outermost bracket inwards, by the schemas of nodes and the words of the language.
 
+use std::borrow::Cow;
 use std::rc::Rc;
 
 use serde_json::Value as Json;
 
 use super::library::Library;
 use super::scope::Scope;
-use crate::catalog::{describe_default, describe_parameter, inside};
-use crate::text::{Frame, resolve, unit_names, variants};
+use crate::catalog::{describe_default, describe_parameter};
+use crate::text::{Frame, inside, resolve, unit_names, variants};
 
 /// What may stand as a value at a place.
 #[derive(Clone)]
@@ -144,7 +145,7 @@ pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> Slot {
     if schema["format"] == "file" || schema.get("endings").is_some() {
         return Slot::Path(strings(&schema["endings"]));
     }
-    Slot::Value { schema: Rc::new(schema), root: root.clone() }
+    Slot::Value { schema: Rc::new(schema.into_owned()), root: root.clone() }
 }
 
 /// The names that a text of this format is one of.
@@ -229,11 +230,11 @@ impl Slots<'_> {
     ) -> (Inside, Slot) {
         let items = |schema: &Json| (Inside::Items, slot_of(schema, root));
         let name = frame.name.as_ref().map_or("", |name| &name.text[..]);
-        let content = variants(schema).into_iter().find(|(choice, _)| choice == name);
+        let content = variants(schema).into_iter().find(|(choice, _)| *choice == name);
         let (schema, is_choice) = match content {
             Some((_, None)) => return (Inside::Unknown, Slot::Any),
-            Some((_, Some(content))) => (resolve(root, &content), true),
-            None => (schema.clone(), false),
+            Some((_, Some(content))) => (resolve(root, content), true),
+            None => (Cow::Borrowed(schema), false),
         };
         if schema.get("properties").is_some() {
             return fields(name, fields_of(&schema, root));

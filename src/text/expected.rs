@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use serde_json::Value as Json;
 
-use super::schema::{inside_option, resolve, variants};
+use super::steps::{inside, variants};
 
 /// What is expected of a value.
 #[derive(Clone)]
@@ -26,27 +26,27 @@ impl<'a> Expected<'a> {
 
     /// What is expected of a field.
     pub(crate) fn field(&self, name: &str) -> Option<Self> {
-        let schema = self.schema.get("properties")?.get(name)?;
         let field = Cow::Owned(name.to_owned());
-        Some(Self { field, unit: None, ..self.clone() }.with(schema))
+        self.step(field, None, |schema| schema.get("properties")?.get(name))
     }
 
     /// What is expected of an item of a list or tuple.
     pub(crate) fn item(&self, index: usize) -> Option<Self> {
-        let fixed = self.schema.get("prefixItems").and_then(|fixed| fixed.get(index));
-        let schema = fixed.or_else(|| self.schema.get("items"))?;
-        Some(self.clone().with(schema))
+        self.within(|schema| {
+            let fixed = schema.get("prefixItems").and_then(|fixed| fixed.get(index));
+            fixed.or_else(|| schema.get("items"))
+        })
     }
 
     /// What is expected of an entry of a map.
     pub(crate) fn entry(&self) -> Option<Self> {
-        Some(self.clone().with(self.schema.get("additionalProperties")?))
+        self.within(|schema| schema.get("additionalProperties"))
     }
 
     /// What is expected in the parentheses behind a name, such as that of a choice; `Some` says nothing.
     pub(crate) fn behind(&self, name: &str) -> Option<Self> {
-        match variants(&self.schema).into_iter().find(|(choice, _)| choice == name) {
-            Some((_, content)) => Some(self.clone().with(&content?)),
+        match content(&self.schema, name) {
+            Some(_) => self.within(|schema| content(schema, name)?),
             None => Some(self.clone()),
         }
     }
@@ -75,12 +75,29 @@ impl<'a> Expected<'a> {
         is_fixed && self.item(0).is_some_and(|item| item.is_number())
     }
 
-    fn with(self, schema: &Json) -> Self {
-        let mut schema = resolve(self.root, schema);
-        if let Some(inner) = inside_option(&schema) {
-            schema = resolve(self.root, &inner);
-        }
-        let own = schema.get("unit").and_then(Json::as_str).map(str::to_owned);
-        Self { unit: own.or(self.unit), schema: Cow::Owned(schema), ..self }
+    /// What is expected of something in it, which is of the same field.
+    fn within(&self, pick: impl Fn(&Json) -> Option<&Json>) -> Option<Self> {
+        self.step(self.field.clone(), self.unit.as_ref(), pick)
     }
+
+    /// What is expected of something in it: a schema that lies there is not copied.
+    fn step(
+        &self,
+        field: Cow<'a, str>,
+        unit: Option<&String>,
+        pick: impl Fn(&Json) -> Option<&Json>,
+    ) -> Option<Self> {
+        let schema = match &self.schema {
+            Cow::Borrowed(schema) => inside(pick(schema)?, self.root),
+            Cow::Owned(schema) => Cow::Owned(inside(pick(schema)?, self.root).into_owned()),
+        };
+        let own = schema.get("unit").and_then(Json::as_str).map(str::to_owned);
+        Some(Self { field, unit: own.or_else(|| unit.cloned()), schema, root: self.root })
+    }
+}
+
+/// What stands in the parentheses behind a choice, if that is one and has such.
+fn content<'s>(schema: &'s Json, name: &str) -> Option<Option<&'s Json>> {
+    let choice = variants(schema).into_iter().find(|(choice, _)| *choice == name);
+    choice.map(|(_, content)| content)
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value as Json};
 
-use super::schema::{inside_option, resolve, variants};
+use super::steps::{inside_option, resolve, variants};
 
 /// A value of JSON, which fits this schema, as RON. Fields that have their defaults are left out.
 pub(crate) fn ron(value: &Json, schema: &Json, root: &Json) -> String {
@@ -21,7 +21,7 @@ pub(crate) fn ron(value: &Json, schema: &Json, root: &Json) -> String {
         Json::Object(entries) => match entries.iter().next() {
             Some((name, content)) if !variants.is_empty() => {
                 let variant = variants.iter().find(|(known, _)| known == name);
-                let schema = variant.and_then(|(_, schema)| schema.as_ref());
+                let schema = variant.and_then(|(_, schema)| *schema);
                 let content = schema.map_or_else(String::new, |schema| ron(content, schema, root));
                 match content.starts_with('(') {
                     true => format!("{name}{content}"),

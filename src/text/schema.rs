@@ -12,6 +12,7 @@ use super::file::parse;
 use super::help::Help;
 use super::ron::ron;
 use super::sheet::Sheet;
+use super::steps::{inside_option, resolve, variants};
 use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::{any_of, with_article};
@@ -243,8 +244,8 @@ impl Walk<'_> {
                 }
                 _ => {
                     let schema = schema.map(|schema| resolve(self.root, schema));
-                    let choices = schema.map(|schema| variants(&schema)).unwrap_or_default();
-                    let choices = Vec::from_iter(choices.iter().map(|(choice, _)| &choice[..]));
+                    let choices = schema.as_deref().map(variants).unwrap_or_default();
+                    let choices = Vec::from_iter(choices.into_iter().map(|(choice, _)| choice));
                     let help = match choices.is_empty() {
                         true => format!("write `{name}: ..`"),
                         false => format!("write `{name}: ..` with one of {}", choices.join(", ")),
@@ -291,8 +292,8 @@ impl Walk<'_> {
         self.links[first..].iter_mut().for_each(|link| link.many = true);
     }
 
-    fn variant(&mut self, tree: &Tree, variants: &[(String, Option<Json>)], field: &str) {
-        let names: Vec<&str> = variants.iter().map(|(name, _)| name.as_str()).collect();
+    fn variant(&mut self, tree: &Tree, variants: &[(&str, Option<&Json>)], field: &str) {
+        let names: Vec<&str> = variants.iter().map(|(name, _)| *name).collect();
         let Some(name) = tree.name() else {
             return self.wrong(tree, field, &format!("one of {}", names.join(", ")));
         };
@@ -480,19 +481,6 @@ fn taken(port: &Json, wants: &str) -> String {
     if types.is_empty() { with_article(wants) } else { any_of(types.iter().map(String::as_str)) }
 }
 
-/// The schema behind a reference, with what stands beside the reference on top.
-pub(crate) fn resolve(root: &Json, schema: &Json) -> Json {
-    let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
-    let name = target.rsplit('/').next().unwrap_or_default();
-    let mut resolved = root["$defs"][name].clone();
-    if let (Some(resolved), Some(beside)) = (resolved.as_object_mut(), schema.as_object()) {
-        for (key, value) in beside.iter().filter(|(key, _)| *key != "$ref") {
-            resolved.insert(key.clone(), value.clone());
-        }
-    }
-    resolved
-}
-
 /// What is wrong with a default, by the field's own schema.
 pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
     let mut walk = Walk {
@@ -550,43 +538,4 @@ pub(crate) fn as_tree(value: &Json) -> Tree {
         },
     };
     Tree::new(Span::default(), kind)
-}
-
-/// The schema inside an `Option`, if it is one.
-pub(crate) fn inside_option(schema: &Json) -> Option<Json> {
-    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
-    if let Some(any) = schema.get("anyOf").and_then(Json::as_array) {
-        let inner: Vec<&Json> = any.iter().filter(|schema| !is_null(schema)).collect();
-        return match inner[..] {
-            [inner] if any.len() == 2 => Some(inner.clone()),
-            _ => None,
-        };
-    }
-    let types = schema.get("type").and_then(Json::as_array)?;
-    let inner = types.iter().find(|kind| kind.as_str() != Some("null"))?;
-    let mut schema = schema.clone();
-    schema["type"] = inner.clone();
-    if let Some(Json::Array(choices)) = schema.get_mut("enum") {
-        choices.retain(|choice| !choice.is_null());
-    }
-    Some(schema)
-}
-
-/// The choices of an enum: names, and the schema of what stands in parentheses behind them.
-pub(crate) fn variants(schema: &Json) -> Vec<(String, Option<Json>)> {
-    let words = |schema: &Json| -> Vec<String> {
-        let one = schema.get("const").into_iter();
-        let several = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
-        one.chain(several).filter_map(Json::as_str).map(str::to_owned).collect()
-    };
-    let Some(choices) = schema.get("oneOf").and_then(Json::as_array) else {
-        return words(schema).into_iter().map(|word| (word, None)).collect();
-    };
-    let mut variants = Vec::new();
-    for choice in choices {
-        variants.extend(words(choice).into_iter().map(|word| (word, None)));
-        let content = choice.get("properties").and_then(Json::as_object).into_iter().flatten();
-        variants.extend(content.map(|(name, content)| (name.clone(), Some(content.clone()))));
-    }
-    variants
 }

@@ -4,7 +4,6 @@ use serde_json::Value as Json;
 
 use super::Judge;
 use super::place::{Found, Refusal, field, find, place};
-use crate::catalog::inside;
 use crate::error::{Span, code};
 use crate::graph::check::first;
 use crate::graph::draft::What;
@@ -12,7 +11,7 @@ use crate::graph::meaning::{entries, named_node};
 use crate::graph::patch::is_patch;
 use crate::graph::quality::is_draft;
 use crate::graph::{Files, Options};
-use crate::text::{Body, Kind, Tree, parse, ron, variants};
+use crate::text::{Body, Kind, Tree, inside, parse, ron, variants};
 
 impl Judge<'_> {
     /// The value as it is put into a graph or a patch of it: for drafts, what is left out becomes a `Draft` whose final value is the
@@ -99,13 +98,13 @@ fn schema_at(tree: &Tree, schema: &Json, root: &Json, way: &[&str]) -> Option<Js
         .name()
         .and_then(|name| variants(&schema).into_iter().find(|(known, _)| *known == name.text));
     if let Some((name, content)) = choice {
-        let way = way.strip_prefix(&[&*name]).unwrap_or(way);
+        let way = way.strip_prefix(&[name]).unwrap_or(way);
         return match &tree.kind {
             Kind::Call { body: Body::Items(items), .. } => match &items[..] {
-                [item] => schema_at(item, &content?, root, way),
+                [item] => schema_at(item, content?, root, way),
                 _ => None,
             },
-            _ => fields_at(tree, &inside(&content?, root), root, way),
+            _ => fields_at(tree, &inside(content?, root), root, way),
         };
     }
     fields_at(tree, &schema, root, way)

@@ -165,12 +165,12 @@ impl Search<'_> {
             return found;
         }
         for (index, (name, content)) in choices.iter().enumerate() {
-            let insert = if content.is_some() { self.call(name) } else { name.clone() };
+            let insert = if content.is_some() { self.call(name) } else { (*name).to_owned() };
             let doc = described.get(index).copied().unwrap_or_default().to_owned();
             let is_default =
-                default.as_deref().is_some_and(|it| it.split('(').next() == Some(&name[..]));
+                default.as_deref().is_some_and(|it| it.split('(').next() == Some(name));
             let rank = if is_default { 0 } else { index + 1 };
-            let detail = content.as_ref().map_or_else(String::new, |content| takes(content, root));
+            let detail = content.map_or_else(String::new, |content| takes(content, root));
             found.push(Proposal { doc, detail, ..self.proposal(name, insert, Sort::Choice, rank) });
         }
         if schema["type"] == "boolean" {

@@ -1,0 +1,104 @@
+//! Steps through a JSON schema. What need not be another schema is lent as it lies there: a graph takes these steps for each of its
+//! fields.
+
+use std::borrow::Cow;
+
+use serde_json::Value as Json;
+
+/// The schema behind a reference, with what stands beside the reference on top; itself if it refers to nothing.
+pub(crate) fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
+    let Some(target) = schema.get("$ref").and_then(Json::as_str) else {
+        return Cow::Borrowed(schema);
+    };
+    let name = target.rsplit('/').next().unwrap_or_default();
+    let mut resolved = Cow::Borrowed(&root["$defs"][name]);
+    let beside = schema.as_object().into_iter().flatten().filter(|(key, _)| *key != "$ref");
+    for (key, value) in beside {
+        if resolved.is_object() {
+            resolved.to_mut()[key] = value.clone();
+        }
+    }
+    resolved
+}
+
+/// The schema inside an `Option`, if it is one.
+pub(crate) fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
+    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
+    if let Some(any) = schema.get("anyOf").and_then(Json::as_array) {
+        let inner: Vec<&Json> = any.iter().filter(|schema| !is_null(schema)).collect();
+        return match inner[..] {
+            [inner] if any.len() == 2 => Some(Cow::Borrowed(inner)),
+            _ => None,
+        };
+    }
+    let types = schema.get("type").and_then(Json::as_array)?;
+    let inner = types.iter().find(|kind| kind.as_str() != Some("null"))?;
+    let mut schema = schema.clone();
+    schema["type"] = inner.clone();
+    if let Some(Json::Array(choices)) = schema.get_mut("enum") {
+        choices.retain(|choice| !choice.is_null());
+    }
+    Some(Cow::Owned(schema))
+}
+
+/// The schema of what a field takes, without the reference to it and without what says that it may be left out.
+pub(crate) fn inside<'s>(schema: &'s Json, root: &'s Json) -> Cow<'s, Json> {
+    let owned = |inner: Cow<'_, Json>| resolve(root, &inner).into_owned();
+    match resolve(root, schema) {
+        Cow::Borrowed(schema) => match inside_option(schema) {
+            Some(Cow::Borrowed(inner)) => resolve(root, inner),
+            Some(inner) => Cow::Owned(owned(inner)),
+            None => Cow::Borrowed(schema),
+        },
+        Cow::Owned(schema) => {
+            let inner = inside_option(&schema).map(owned);
+            Cow::Owned(inner.unwrap_or(schema))
+        }
+    }
+}
+
+/// The choices of an enum: names, and the schema of what stands in parentheses behind them.
+pub(crate) fn variants(schema: &Json) -> Vec<(&str, Option<&Json>)> {
+    let Some(choices) = schema.get("oneOf").and_then(Json::as_array) else {
+        return words(schema).collect();
+    };
+    let mut variants = Vec::new();
+    for choice in choices {
+        variants.extend(words(choice));
+        let content = choice.get("properties").and_then(Json::as_object).into_iter().flatten();
+        variants.extend(content.map(|(name, content)| (&name[..], Some(content))));
+    }
+    variants
+}
+
+fn words(schema: &Json) -> impl Iterator<Item = (&str, Option<&Json>)> {
+    let one = schema.get("const").into_iter();
+    let several = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
+    one.chain(several).filter_map(Json::as_str).map(|word| (word, None))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn what_lies_in_a_schema_is_lent() {
+        let root = json!({ "$defs": { "Side": { "enum": ["Left", "Right"] } } });
+        let is_lent = |schema: &Json| matches!(inside(schema, &root), Cow::Borrowed(_));
+        let [plain, named] = [json!({ "type": "number" }), json!({ "$ref": "#/$defs/Side" })];
+        let option = |inner: &Json| json!({ "anyOf": [inner, { "type": "null" }] });
+        for schema in [&plain, &named, &option(&plain), &option(&named)] {
+            assert!(is_lent(schema), "{schema}");
+        }
+        assert_eq!(*inside(&option(&named), &root), root["$defs"]["Side"]);
+        assert_eq!(variants(&inside(&named, &root)), [("Left", None), ("Right", None)]);
+        let or_null = json!({ "type": ["integer", "null"], "minimum": 1 });
+        assert_eq!(*inside(&or_null, &root), json!({ "type": "integer", "minimum": 1 }));
+        let told = json!({ "$ref": "#/$defs/Side", "default": "Left" });
+        let whole = json!({ "enum": ["Left", "Right"], "default": "Left" });
+        assert_eq!(*inside(&told, &root), whole);
+        assert_eq!(*inside(&option(&told), &root), whole);
+    }
+}
