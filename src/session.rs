@@ -195,6 +195,19 @@ impl Session {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Result<Produced, String> {
+        self.produce_after(graph, only, folder, observer, cancel, |_| {})
+    }
+
+    /// The same, which writes after something else has been done with what was evaluated.
+    pub(crate) fn produce_after(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+        first: impl FnOnce(&mut Self),
+    ) -> Result<Produced, String> {
         outputs_of(graph, only)?;
         let wanted = |graph: &Graph| {
             let outputs = outputs_of(graph, only).unwrap_or_default();
@@ -210,6 +223,8 @@ impl Session {
         let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
         values.extend(golden::nodes_of(&open));
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
+        first(self);
+        let evaluator = &self.evaluator;
         let (written, unwritten) =
             folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);

@@ -39,7 +39,7 @@ mod worker;
 use on_done::{Ended, OnDone};
 use session::Session;
 use view::{Lines, Program, Terminal, View, WithPage};
-use worker::{Report, Wishes, Worker};
+use worker::{News, Wishes, Worker};
 
 #[derive(Args)]
 pub(super) struct Watch {
@@ -100,8 +100,8 @@ enum Message {
     Refused(String),
     /// The page was not opened in a browser, and why.
     NotOpened(String),
-    /// An evaluation ended.
-    Evaluated(Report),
+    /// An evaluation has found something, or ended.
+    Evaluation(News),
     /// The user's command ended.
     CommandEnded(Ended),
 }
@@ -151,7 +151,7 @@ impl Watch {
             session,
             Wishes { folder: outputs, only: self.only.clone(), inputs: self.inputs.clone() },
             view.observe(),
-            move |report| drop(done.send(Message::Evaluated(report))),
+            move |news| drop(done.send(Message::Evaluation(news))),
         );
         let events = sender.clone();
         let sink = Arc::new(move |event| drop(events.send(Message::Files(event))));

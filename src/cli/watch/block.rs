@@ -304,8 +304,6 @@ mod tests {
             written: vec![written("model.ply", false), written("nose.png", true)],
             unwritten: None,
             seconds: 0.0381,
-            graph: None,
-            values: Default::default(),
             purpose: Purpose::Outputs,
         };
         Block {

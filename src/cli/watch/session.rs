@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use super::drag::Drag;
 use super::on_done::{Ended, OnDone};
 use super::view::View;
-use super::worker::{Job, Purpose, Report, Worker};
+use super::worker::{Job, News, Purpose, Report, Sight, Worker};
 use super::{Message, Watch, editor, reads_outside};
 use crate::catalog::Catalog;
 use crate::cli::terminal::Input;
@@ -92,6 +92,15 @@ struct Running {
     graph: Arc<Graph>,
     cancel: CancelToken,
     purpose: Purpose,
+    /// Whether it lacks nodes of unknown types.
+    is_part: bool,
+}
+
+impl Running {
+    /// A look may be over in the moment in which it is given up.
+    fn is_left(&self) -> bool {
+        self.cancel.is_cancelled() && self.purpose != Purpose::Outputs
+    }
 }
 
 /// Whether there are nodes of unknown types in the graph.
@@ -235,7 +244,8 @@ impl<'a> Session<'a> {
             }
             Message::Refused(why) => self.view.refused(&why),
             Message::NotOpened(why) => self.view.not_opened(&why),
-            Message::Evaluated(report) => self.evaluated(report),
+            Message::Evaluation(News::Sight(sight)) => self.seen(sight),
+            Message::Evaluation(News::Report(report)) => self.evaluated(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {
                     self.view.command_failed(&why);
@@ -427,7 +437,9 @@ impl<'a> Session<'a> {
         purpose: Purpose,
     ) {
         let cancel = CancelToken::default();
-        self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone(), purpose });
+        let is_part = is_part(&problems);
+        let (of, stop) = (graph.clone(), cancel.clone());
+        self.running = Some(Running { graph: of, cancel: stop, purpose, is_part });
         self.look = false;
         let views = self.views.clone();
         self.worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
@@ -438,10 +450,22 @@ impl<'a> Session<'a> {
         self.shown == Some(graph.shape.identity)
     }
 
+    /// Shows what somebody looks at, before all else of a run is done.
+    fn seen(&mut self, sight: Sight) {
+        let Some(running) = self.running.as_ref().filter(|running| !running.is_left()) else {
+            return;
+        };
+        let stays = self.was_whole && running.is_part;
+        if let Some(graph) = sight.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
+            self.view.graph(graph);
+            self.shown = Some(graph.shape.identity);
+        }
+        self.view.values(sight.run, running.purpose == Purpose::Drag, &sight.values);
+    }
+
     fn evaluated(&mut self, report: Report) {
-        let left = self.running.take().is_some_and(|running| running.cancel.is_cancelled());
-        // A look may be over in the moment in which it is given up.
-        if report.cancelled || left && report.purpose != Purpose::Outputs {
+        let left = self.running.take().is_some_and(|running| running.is_left());
+        if report.cancelled || left {
             // Of a drag that is over the file is shown, or about to change.
             if report.purpose != Purpose::Drag || self.drag.is_on() {
                 self.look = !self.views.is_empty();
@@ -452,12 +476,6 @@ impl<'a> Session<'a> {
             }
             return;
         }
-        let stays = self.was_whole && is_part(&report.problems);
-        if let Some(graph) = report.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
-            self.view.graph(graph);
-            self.shown = Some(graph.shape.identity);
-        }
-        self.view.values(report.run, report.purpose == Purpose::Drag, &report.values);
         match report.purpose {
             Purpose::Outputs => {}
             Purpose::Look => return,
@@ -532,7 +550,7 @@ impl<'a> Session<'a> {
         let end = Instant::now() + PATIENCE;
         while self.running.is_some() {
             match receiver.recv_timeout(end.saturating_duration_since(Instant::now())) {
-                Ok(Message::Evaluated(_)) => self.running = None,
+                Ok(Message::Evaluation(News::Report(_))) => self.running = None,
                 Ok(Message::Input(Input::Stop)) | Err(_) => break,
                 Ok(_) => {}
             }

@@ -63,12 +63,22 @@ pub(super) struct Report {
     /// The folder of the outputs, if a file could not be written.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
+    /// Without outputs all but the problems means nothing.
+    pub(super) purpose: Purpose,
+}
+
+/// What a job has found for who looks. It is told before files are written: eyes wait, files do not.
+pub(super) struct Sight {
+    pub(super) run: usize,
     /// The graph with the elements of its data, if it has such.
     pub(super) graph: Option<Arc<Graph>>,
-    /// What somebody looks at.
     pub(super) values: Seen,
-    /// Without outputs all but the problems and the values means nothing.
-    pub(super) purpose: Purpose,
+}
+
+/// What is heard of a job: first what somebody looks at, if there is such, and at last what became of it.
+pub(super) enum News {
+    Sight(Sight),
+    Report(Report),
 }
 
 /// What somebody looks at, as it is shown.
@@ -96,7 +106,7 @@ impl Worker {
         mut session: Session,
         wishes: Wishes,
         observe: Observe,
-        sink: impl Fn(Report) + Send + 'static,
+        sink: impl Fn(News) + Send + 'static,
     ) -> Self {
         session.recall(&wishes.folder);
         let wishes = Arc::new(wishes);
@@ -111,13 +121,14 @@ impl Worker {
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    evaluate(&job, &mut session, &mut kept, &of_all, &*observer, &mut last)
+                    let tell = |sight| sink(News::Sight(sight));
+                    evaluate(&job, &mut session, &mut kept, &of_all, &*observer, &mut last, &tell)
                 }));
-                sink(report.unwrap_or_else(|panic| {
+                sink(News::Report(report.unwrap_or_else(|panic| {
                     // What it was about to remember may be half of something.
                     session.forget();
                     panicked(&job, &in_words(&*panic))
-                }));
+                })));
             }
             // The process ends here; giving the memory back piece by piece would only take time.
             std::mem::forget(session);
@@ -138,7 +149,7 @@ impl Drop for Worker {
     }
 }
 
-/// Does a job. `kept` is how many bytes of results stay behind it, and `last` what was seen last.
+/// Does a job. `kept` is how many bytes of results stay behind it, `last` what was seen last; `tell` is told what is seen now.
 fn evaluate(
     job: &Job,
     session: &mut Session,
@@ -146,11 +157,12 @@ fn evaluate(
     wishes: &Wishes,
     observer: &dyn Observer,
     last: &mut Seen,
+    tell: &dyn Fn(Sight),
 ) -> Report {
     let start = Instant::now();
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
-    let (mut seen, mut values, mut resolved) = (None, Seen::new(), None);
+    let mut seen = None;
     session.use_memory(session.memory());
     session.keep_on_disk(job.purpose != Purpose::Drag);
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
@@ -160,17 +172,22 @@ fn evaluate(
             names.extend(graph.output_names());
         }
         let graph = session.resolved_for(&graph, &names, observer, &job.cancel);
-        let produced = match job.purpose {
-            Purpose::Outputs => {
-                Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel))
+        let mut see = |session: &mut Session| {
+            seen = look(&graph, job, session, observer);
+            let values = seen.as_ref().map(|seen| viewed(&graph, seen, &job.views, session, last));
+            let resolved = (!graph.loops().is_empty()).then(|| Arc::new(graph.clone()));
+            if !job.cancel.is_cancelled() {
+                tell(Sight { run: job.run, graph: resolved, values: values.unwrap_or_default() });
             }
-            Purpose::Look | Purpose::Drag => None,
         };
-        seen = look(&graph, job, session, observer);
-        if let Some(seen) = &seen {
-            values = viewed(&graph, seen, &job.views, session, last);
+        let produced = (job.purpose == Purpose::Outputs).then(|| {
+            let (only, cancel) = (&wishes.only, &job.cancel);
+            session.produce_after(&graph, only, folder, observer, cancel, &mut see)
+        });
+        // Without outputs, or without one of a wanted name, somebody looks all the same.
+        if !matches!(produced, Some(Ok(_))) {
+            see(session);
         }
-        resolved = (!graph.loops().is_empty()).then(|| Arc::new(graph.clone()));
         produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
@@ -216,8 +233,6 @@ fn evaluate(
         written,
         unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().as_secs_f64(),
-        graph: resolved,
-        values,
         purpose: job.purpose,
     }
 }
@@ -299,8 +314,6 @@ fn panicked(job: &Job, words: &str) -> Report {
         written: Vec::new(),
         unwritten: None,
         seconds: 0.0,
-        graph: None,
-        values: Seen::new(),
         purpose: job.purpose,
     }
 }
@@ -311,6 +324,14 @@ mod tests {
     use crate::catalog::Catalog;
     use crate::graph::Options;
     use crate::session::Settings;
+
+    fn reports_to(sender: Sender<Report>) -> impl Fn(News) + Send + 'static {
+        move |news| {
+            if let News::Report(report) = news {
+                let _ = sender.send(report);
+            }
+        }
+    }
 
     #[test]
     fn a_panic_in_a_run_ends_it_with_a_message_and_the_next_run_works() {
@@ -332,7 +353,7 @@ mod tests {
             only: Vec::new(),
             inputs: InputOptions::default(),
         };
-        let sink = move |report| drop(sender.send(report));
+        let sink = reports_to(sender);
         let worker = Worker::new(session, wishes, observe, sink);
         let messages = [1, 2].map(|run| {
             let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
@@ -371,6 +392,45 @@ mod tests {
     };
 
     #[test]
+    fn what_somebody_looks_at_is_told_before_files_are_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, file) = (folder.path().join("graph.ron"), folder.path().join("out/mask.png"));
+        let catalog = Arc::new(Catalog::new(&[&FAULTY]));
+        let text = "Graph(format: 1, nodes: { \"mask\": Faulty(panics: false) }, outputs: { \"mask.png\": \"mask\" })";
+        std::fs::write(&path, text).unwrap();
+        let graph = Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap());
+        let viewed = Viewed { node: "mask".into(), output: "mask".into() };
+        // How many values are seen, or none at the end, and whether there is a file by then.
+        let told = |only: Vec<String>| {
+            let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
+            let outputs = OutputFolder::new(Some(&folder.path().join("out")), &path);
+            let wishes = Wishes { folder: outputs, only, inputs: InputOptions::default() };
+            let (sender, news) = channel();
+            let file = file.clone();
+            let sink = move |it| {
+                let seen = match it {
+                    News::Sight(sight) => Some(sight.values.len()),
+                    News::Report(_) => None,
+                };
+                let _ = sender.send((seen, file.exists()));
+            };
+            let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
+            worker.start(Job {
+                run: 1,
+                graph: graph.clone(),
+                problems: Vec::new(),
+                cancel: CancelToken::default(),
+                recompute: false,
+                purpose: Purpose::Outputs,
+                views: Views::from_iter([viewed.clone()]),
+            });
+            [news.recv().unwrap(), news.recv().unwrap()]
+        };
+        assert_eq!(told(vec!["other.png".into()]), [(Some(1), false), (None, false)]);
+        assert_eq!(told(Vec::new()), [(Some(1), false), (None, true)]);
+    }
+
+    #[test]
     fn a_node_that_panics_is_red_the_rest_is_written_and_the_next_run_works() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("graph.ron");
@@ -390,7 +450,7 @@ mod tests {
             only: Vec::new(),
             inputs: InputOptions::default(),
         };
-        let sink = move |report| drop(sender.send(report));
+        let sink = reports_to(sender);
         let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
         let run = |run: usize, panics: bool| {
             let (graph, problems, cancel) = (graph(panics), Vec::new(), CancelToken::default());
