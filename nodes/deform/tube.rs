@@ -93,8 +93,10 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     let directions = directions(&points, is_closed).ok_or(TubeError::NoLength)?;
     let mut side = any_normal(directions[0]);
     let mut positions = Vec::with_capacity(points.len() * sides);
-    for (point, direction) in points.iter().zip(&directions) {
-        side = carried(side, *direction);
+    let mut before = directions[0];
+    for (point, &direction) in points.iter().zip(&directions) {
+        side = carried(side, before, direction);
+        before = direction;
         let other = direction.cross(&side);
         positions.extend((0..sides).map(|corner| {
             let angle = std::f64::consts::TAU * corner as f64 / sides as f64;
@@ -104,7 +106,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     }
     let turn = is_closed.then(|| {
         // What the rings have turned on the way round is undone by whole corners.
-        let side = carried(side, directions[0]);
+        let side = carried(side, before, directions[0]);
         let along = |corner: &usize| (positions[*corner] - points[0]).dot(&side);
         (0..sides).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
     });
@@ -112,10 +114,13 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     Ok(Mesh::new(positions, faces)?)
 }
 
-/// The part of a vector that is square to a direction, as long as 1.
-fn carried(side: Vector3<f64>, direction: Vector3<f64>) -> Vector3<f64> {
-    let rest = side - direction * side.dot(&direction);
-    rest.try_normalize(0.0).unwrap_or_else(|| any_normal(direction))
+/// A unit vector square to one direction after the least rotation to another one; where that one is opposite, about the vector itself.
+fn carried(side: Vector3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
+    let both = from + to;
+    let length = both.norm_squared();
+    let turned = if length > 1e-6 { side - both * (2.0 * side.dot(&to) / length) } else { side };
+    let square = turned - to * turned.dot(&to);
+    square.try_normalize(0.0).unwrap_or_else(|| any_normal(to))
 }
 
 /// The direction of the curve at each point; none if it has nowhere one.
@@ -172,6 +177,8 @@ fn faces(rings: usize, sides: usize, turn: Option<usize>) -> Result<Faces, MeshE
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Rotation3;
+
     use super::*;
 
     fn volume(mesh: &Mesh) -> f64 {
@@ -218,6 +225,26 @@ mod tests {
             let (low, high) =
                 heights.fold((1.0_f64, -1.0_f64), |(low, high), z| (low.min(z), high.max(z)));
             assert!(high - low < 0.2 * 0.52, "a quad reaches from {low} to {high}");
+        }
+    }
+
+    #[test]
+    fn rings_turn_no_more_than_the_curve_bends() {
+        let corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 1, 2]];
+        let corner = |c: [i32; 3]| Point3::from(c.map(f64::from));
+        // The same way many times: what rounding adds must not grow on it.
+        let points =
+            (0..20).flat_map(|k| corners.map(|[x, y, z]| corner([x + 2 * k, y + k, z + 2 * k])));
+        let points = Vec::from_iter(points);
+        let mesh = tube(&Curve::polyline(points.clone(), false).unwrap(), 0.1, 4).unwrap();
+        let directions = directions(&points, false).unwrap();
+        let mut side = any_normal(directions[0]);
+        for (ring, pair) in directions.windows(2).enumerate() {
+            let least = Rotation3::rotation_between(&pair[0], &pair[1]).expect("not opposite");
+            side = least * side;
+            let places = mesh.positions();
+            let made = (places[4 * (ring + 1)] - places[4 * (ring + 1) + 2]) / 0.2;
+            assert!((made - side).norm() < 1e-12, "ring {ring}: {made} in place of {side}");
         }
     }
 
