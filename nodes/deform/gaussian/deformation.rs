@@ -11,7 +11,7 @@
 use std::f64::consts::LN_2;
 use std::marker::PhantomData;
 
-use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest};
+use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, exp2_roughly, fused, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};
@@ -179,7 +179,7 @@ struct Round;
 impl Shape for Round {
     #[inline(always)]
     fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
-        level + factor[0] * (dx * dx + dy * dy + dz * dz)
+        fused(factor[0], fused(dz, dz, fused(dy, dy, dx * dx)), *level)
     }
 }
 
@@ -188,7 +188,8 @@ struct Stretched;
 impl Shape for Stretched {
     #[inline(always)]
     fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
-        (level + dx * (dx * factor[0])) + (dy * (dy * factor[1]) + dz * (dz * factor[2]))
+        let [x, y, z] = [dx * factor[0], dy * factor[1], dz * factor[2]];
+        fused(dx, x, *level) + fused(dz, z, dy * y)
     }
 }
 
@@ -459,18 +460,17 @@ fn add<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, const SHIFT
                 exponent -= shift[k];
             }
             let v = P::of(exponent);
-            let [vx, vy, vz] = [v * value[0], v * value[1], v * value[2]];
             total.0[k] += v;
-            s0.0[k] += vx;
-            s1.0[k] += vy;
-            s2.0[k] += vz;
+            s0.0[k] = fused(v, value[0], s0.0[k]);
+            s1.0[k] = fused(v, value[1], s1.0[k]);
+            s2.0[k] = fused(v, value[2], s2.0[k]);
             let derivatives = slope.iter_mut().zip(product.iter_mut()).enumerate();
             for (axis, (slope, [px, py, pz])) in derivatives {
-                let l = offset[axis] * factor[axis];
-                slope.0[k] += v * l;
-                px.0[k] += vx * l;
-                py.0[k] += vy * l;
-                pz.0[k] += vz * l;
+                let vl = v * (offset[axis] * factor[axis]);
+                slope.0[k] += vl;
+                px.0[k] = fused(vl, value[0], px.0[k]);
+                py.0[k] = fused(vl, value[1], py.0[k]);
+                pz.0[k] = fused(vl, value[2], pz.0[k]);
             }
         }
     }

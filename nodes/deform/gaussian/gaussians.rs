@@ -10,7 +10,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use maquette::simd::exp2;
+use maquette::simd::{Kernel, exp2, widest};
 use nalgebra::Point3;
 
 /// One Gaussian: `2^(level + sum over the axes of factor * (x - center)^2)`.
@@ -76,11 +76,24 @@ impl Gaussians {
             self.bumps.iter().map(|bump| bump.exponent(point.into())).collect();
         let background = libm::log2(self.background);
         let greatest = shares.iter().copied().fold(background, f64::max);
-        shares.iter_mut().for_each(|share| *share = exp2(*share - greatest));
+        widest(Powers { exponents: &mut shares, greatest });
         let rest = if self.background > 0.0 { exp2(background - greatest) } else { 0.0 };
         let total = rest + shares.iter().sum::<f64>();
         shares.iter_mut().for_each(|share| *share /= total);
         shares
+    }
+}
+
+/// What becomes powers of 2, from the greatest exponent.
+struct Powers<'a> {
+    exponents: &'a mut [f64],
+    greatest: f64,
+}
+
+impl Kernel for Powers<'_> {
+    #[inline(always)]
+    fn run(self) {
+        self.exponents.iter_mut().for_each(|x| *x = exp2(*x - self.greatest));
     }
 }
 
