@@ -1,8 +1,11 @@
 //! Refinement: steps of the schemes, planned once for a topology and applied to any positions and attributes.
 
+pub(super) mod by_faces;
 pub(super) mod connectivity;
 pub(super) mod doo_sabin;
 pub(super) mod dual_halves;
+pub(super) mod half_edges;
+pub(super) mod last;
 pub(super) mod level;
 pub(super) mod live;
 pub(super) mod local;
@@ -13,4 +16,5 @@ pub(super) mod smooth_corners;
 pub(super) mod split;
 pub(super) mod step;
 pub(super) mod topology;
+pub(super) mod turns;
 pub(super) mod without_border;

@@ -8,7 +8,8 @@ use super::concave_corners::cut_concave_corners;
 use super::net::{Move, Net, SHARP};
 use super::*;
 use crate::limit::composed::Composed;
-use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::NONE;
 use crate::sharp_edges::crease;
 
 fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {

@@ -4,7 +4,8 @@ use maquette::value::Column;
 
 use crate::Boundary;
 use crate::masks::turns::turn;
-use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::{HalfEdges, Ring};
 use maquette_base::linear::stencils::{Rows, Stencils, push_merged};
 
 /// The limit of each vertex of a mesh.

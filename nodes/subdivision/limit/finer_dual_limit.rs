@@ -10,8 +10,8 @@ use super::dual_limit::DualLimit;
 use super::limit_rows::complete_normals;
 use crate::SubdivideError;
 use crate::masks::turns::turn;
-use crate::refine::connectivity::Ring;
 use crate::refine::doo_sabin::{Dual, Inside};
+use crate::refine::half_edges::{HalfEdges, Ring};
 use maquette_base::linear::stencils::Stencils;
 
 /// Vertices that one task looks at.

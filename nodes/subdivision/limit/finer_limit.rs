@@ -1,7 +1,6 @@
 //! The limit of a mesh that a primal scheme has refined: rows for its few odd vertices, fixed masks for the others.
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use maquette::memory::huge_vec;
 use maquette::parallel::*;
@@ -14,15 +13,17 @@ use crate::masks::loop_masks::LoopMasks;
 use crate::masks::regular_rules::{Quads, ThreeSided, Walk};
 use crate::masks::sharpness::Sharpness;
 use crate::masks::stars::{Masks, Scratch, Stars};
-use crate::refine::level::{BLOCK, Level};
+use crate::refine::half_edges::HalfEdges;
+use crate::refine::last::Last;
+use crate::refine::level::BLOCK;
 use crate::refine::split::{Corners, Split, Triangles};
 use crate::scheme::PrimalScheme;
 use maquette_base::linear::stencils::Stencils;
 
-/// Where the vertices of a level go, and which way the surface faces there.
+/// Where the vertices of a last mesh go, and which way the surface faces there.
 #[derive(Debug)]
 pub(crate) struct FinerLimit {
-    level: Arc<Level>,
+    last: Last,
     /// The limits of the odd vertices.
     positions: Stencils,
     /// Their tangents in pairs, one for each side of a crease, and the first row of each odd vertex.
@@ -34,17 +35,17 @@ pub(crate) struct FinerLimit {
 type Regular = [Vector3<f64>; 3];
 
 impl FinerLimit {
-    pub(crate) fn new(level: Arc<Level>) -> Self {
-        match level.rules.scheme {
-            PrimalScheme::Loop => Self::of(level, LoopMasks),
-            PrimalScheme::CatmullClark => Self::of(level, CatmullClarkMasks),
+    pub(crate) fn new(last: Last) -> Self {
+        match last.coarser.rules.scheme {
+            PrimalScheme::Loop => Self::of(last, LoopMasks),
+            PrimalScheme::CatmullClark => Self::of(last, CatmullClarkMasks),
         }
     }
 
-    fn of(level: Arc<Level>, masks: impl Masks) -> Self {
-        let Level { rules, mesh, creases, odd, .. } = &*level;
-        let sharpness = Sharpness::new(mesh, *rules, creases);
-        let stars = Stars { mesh, sharpness: &sharpness, rules: rules.of_edges(), masks };
+    fn of(last: Last, masks: impl Masks) -> Self {
+        let (rules, odd, creases) = (last.coarser.rules, &last.odd, last.creases());
+        let sharpness = &Sharpness::new(&last, rules, &creases);
+        let stars = Stars { mesh: &last, sharpness, rules: rules.of_edges(), masks };
         let (positions, _) = Stencils::build(odd.len(), |scratch: &mut Scratch, item, rows| {
             stars.limit(scratch, odd[item][0], odd[item][1], rows);
             rows.end();
@@ -52,7 +53,7 @@ impl FinerLimit {
         let (tangents, sides) = Stencils::build(odd.len(), |scratch: &mut Scratch, item, rows| {
             stars.tangents(scratch, odd[item][0], odd[item][1], rows);
         });
-        Self { level, positions, tangents, sides }
+        Self { last, positions, tangents, sides }
     }
 
     /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
@@ -64,17 +65,17 @@ impl FinerLimit {
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
         let to = (&mut positions[..], &mut normals[..]);
-        match self.level.rules.scheme {
+        match self.scheme() {
             PrimalScheme::Loop => self.at_regular(control, to, Triangles, box_spline),
             PrimalScheme::CatmullClark => self.at_regular(control, to, Corners, b_spline),
         }
         let odd = self.positions.apply(control);
-        for (&[vertex, _], point) in self.level.odd.iter().zip(odd) {
+        for (&[vertex, _], point) in self.last.odd.iter().zip(odd) {
             positions[vertex as usize] = point;
         }
         let limit = mesh.with_positions(positions)?;
-        let (mesh, tangents) = (&self.level.mesh, (&self.tangents, &self.sides[..]));
-        complete_normals(&mut normals, &limit, control, mesh, &self.level.odd, tangents);
+        let (last, tangents) = (&self.last, (&self.tangents, &self.sides[..]));
+        complete_normals(&mut normals, &limit, control, last, &last.odd, tangents);
         limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
@@ -86,7 +87,7 @@ impl FinerLimit {
         control: &[Point3<f64>],
         limit: &Mesh,
     ) -> Option<Mesh> {
-        let Level { mesh, odd, .. } = &*self.level;
+        let (last, odd) = (&self.last, &self.last.odd);
         let item = |vertex: u32| odd.binary_search_by_key(&vertex, |odd| odd[0]).ok();
         let vertices = Vec::from_iter(rows.iter().cloned().flatten());
         let each = || vertices.par_iter().with_min_len(BLOCK);
@@ -100,11 +101,11 @@ impl FinerLimit {
             let normal = match item(vertex) {
                 Some(item) => {
                     let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
-                    let fallback = vertex_normal(&moved, mesh, odd[item][1], faces);
+                    let fallback = vertex_normal(&moved, last, odd[item][1], faces);
                     side_normals(&self.tangents, rows, control, fallback)
                 }
                 None if normal == Vector3::zeros() => {
-                    vertex_normal(&moved, mesh, self.start(vertex as usize), faces)
+                    vertex_normal(&moved, last, self.start(vertex as usize), faces)
                 }
                 None => normal,
             };
@@ -117,13 +118,13 @@ impl FinerLimit {
 
     /// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
     fn regular(&self, control: &[Point3<f64>], vertex: usize) -> (Point3<f64>, Vector3<f64>) {
-        let (level, corners) = (&*self.level, self.level.mesh.corners());
-        let regular = match level.rules.scheme {
+        let (last, corners) = (&self.last, self.last.corners());
+        let regular = match self.scheme() {
             PrimalScheme::Loop => {
-                box_spline(corners, control, vertex, &level.ring_of(vertex, Triangles))
+                box_spline(corners, control, vertex, &last.ring_of(vertex, Triangles))
             }
             PrimalScheme::CatmullClark => {
-                b_spline(corners, control, vertex, &level.ring_of(vertex, Corners))
+                b_spline(corners, control, vertex, &last.ring_of(vertex, Corners))
             }
         };
         placed(regular)
@@ -131,15 +132,19 @@ impl FinerLimit {
 
     /// A half-edge from a regular vertex.
     fn start(&self, vertex: usize) -> u32 {
-        match self.level.rules.scheme {
-            PrimalScheme::Loop => self.level.ring_of(vertex, Triangles)[0],
-            PrimalScheme::CatmullClark => self.level.ring_of(vertex, Corners)[0],
+        match self.scheme() {
+            PrimalScheme::Loop => self.last.ring_of(vertex, Triangles)[0],
+            PrimalScheme::CatmullClark => self.last.ring_of(vertex, Corners)[0],
         }
+    }
+
+    fn scheme(&self) -> PrimalScheme {
+        self.last.coarser.rules.scheme
     }
 
     /// How many bytes it holds.
     pub(crate) fn size(&self) -> usize {
-        self.level.size() + self.positions.size() + self.tangents.size() + self.sides.size()
+        self.last.size() + self.positions.size() + self.tangents.size() + self.sides.size()
     }
 
     /// Writes the places and unit normals of the regular vertices; the normal is zero where the tangents do not span a plane.
@@ -150,8 +155,8 @@ impl FinerLimit {
         split: K,
         masks: impl Fn(&[u32], &[Point3<f64>], usize, &[u32]) -> Regular + Sync,
     ) {
-        let corners = self.level.mesh.corners();
-        self.level.at_regular(to, split, |vertex, halves| {
+        let corners = self.last.corners();
+        self.last.at_regular(to, split, |vertex, halves| {
             let (place, normal) = placed(masks(corners, control, vertex, halves));
             (place, normal.into())
         });

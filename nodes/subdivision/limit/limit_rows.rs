@@ -14,6 +14,7 @@ use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::Sharpness;
 use crate::masks::stars::{Masks, Scratch, Stars};
 use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::{check_triangles, creases};
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
@@ -146,7 +147,7 @@ pub(crate) fn complete_normals(
     normals: &mut [[f64; 3]],
     limit: &Mesh,
     control: &[Point3<f64>],
-    mesh: &Connectivity,
+    mesh: &impl HalfEdges,
     odd: &[[u32; 2]],
     (tangents, sides): (&Stencils, &[u32]),
 ) {
@@ -168,7 +169,7 @@ pub(crate) fn complete_normals(
 /// What [`Mesh::vertex_normals`] has for the vertex from which `start` runs.
 pub(crate) fn vertex_normal(
     limit: &Mesh,
-    mesh: &Connectivity,
+    mesh: &impl HalfEdges,
     start: u32,
     faces: &mut Vec<u32>,
 ) -> Vector3<f64> {

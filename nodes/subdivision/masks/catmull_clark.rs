@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use super::stars::{Masks, Weights};
 use super::turns::turn;
-use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 
 /// The rules of Catmull and Clark.
 #[derive(Clone, Copy, Default)]
@@ -31,8 +31,8 @@ impl Masks for CatmullClarkMasks {
     /// A quarter of both ends and both centroids.
     const EDGE: [f64; 2] = [0.25; 2];
 
-    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32 {
-        mesh.vertices as u32 + mesh.face_of(half)
+    fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32 {
+        mesh.vertices() as u32 + mesh.face_of(half)
     }
 
     /// With two neighbors, for which the eigenvalue is not that of a tangent plane, the directions of both edges.

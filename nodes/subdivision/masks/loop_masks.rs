@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use super::stars::{Masks, Weights};
 use super::turns::turn;
-use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 
 /// Loop's rules.
 #[derive(Clone, Copy, Default)]
@@ -30,7 +30,7 @@ impl Masks for LoopMasks {
     /// `3/8 (a + b) + 1/8 (c + d)`, with `c` and `d` across from the edge.
     const EDGE: [f64; 2] = [0.375, 0.125];
 
-    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32 {
+    fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32 {
         mesh.corners()[mesh.previous(half) as usize]
     }
 

@@ -6,8 +6,9 @@ use nalgebra::Point3;
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
 use super::stars::Masks;
-use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::half_edges::NONE;
 use crate::refine::split::{Corners, Split, Triangles};
+use crate::refine::turns::Turns;
 
 /// The formulas of a scheme, and its masks for everything else.
 pub(crate) trait RegularRules: Split {
@@ -68,13 +69,13 @@ impl Walk for ThreeSided {
     }
 }
 
-impl Walk for Connectivity {
+impl Walk for Turns {
     fn next(&self, half: u32) -> u32 {
         self.next(half)
     }
 
     fn face(&self, half: u32) -> u32 {
-        self.face_of(half)
+        self.face(half)
     }
 }
 

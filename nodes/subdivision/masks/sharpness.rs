@@ -3,7 +3,7 @@
 //! The rules of OpenSubdiv ("Subdivision surfaces", section "Semi-sharp creases"), after DeRose, Kass and Truong, "Subdivision
 //! surfaces in character animation" (1998): each step takes 1 off an edge's sharpness; a boundary edge is sharp forever.
 
-use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
 use crate::{Boundary, Creases};
 
@@ -11,8 +11,8 @@ use crate::{Boundary, Creases};
 const FOREVER: f64 = 10.0;
 
 /// How sharp the edges of a mesh are.
-pub(crate) struct Sharpness<'a> {
-    mesh: &'a Connectivity,
+pub(crate) struct Sharpness<'a, H> {
+    mesh: &'a H,
     rules: Rules<()>,
     /// The creased edges, sorted; a boundary edge is sharp whether it is here or not.
     creases: &'a [(u32, f64)],
@@ -41,12 +41,8 @@ pub(crate) struct Edges {
     pub(crate) after: Vec<f64>,
 }
 
-impl<'a> Sharpness<'a> {
-    pub(crate) fn new<S>(
-        mesh: &'a Connectivity,
-        rules: Rules<S>,
-        creases: &'a [(u32, f64)],
-    ) -> Self {
+impl<'a, H: HalfEdges> Sharpness<'a, H> {
+    pub(crate) fn new<S>(mesh: &'a H, rules: Rules<S>, creases: &'a [(u32, f64)]) -> Self {
         let rules = rules.of_edges();
         let mut softening: Vec<(u32, u32, f64)> = Vec::new();
         if rules.creases == Creases::Chaikin {

@@ -11,7 +11,7 @@
 
 use super::sharpness::{Class, Edges, Sharpness};
 use crate::Creases;
-use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
 use maquette_base::linear::stencils::{Rows, push_merged};
 
@@ -27,12 +27,12 @@ pub(crate) trait Masks: Sync {
     const EDGE: [f64; 2];
 
     /// The column of what is across the edge of a half-edge in its face: a corner, or the face's centroid.
-    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32;
+    fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32;
 
     /// Adds `share` times the rule of a smooth edge: weights of its ends to `ends`, the others to the current row.
     fn edge(
         &self,
-        mesh: &Connectivity,
+        mesh: &impl HalfEdges,
         edge: u32,
         share: f64,
         ends: &mut [f64; 2],
@@ -88,9 +88,9 @@ impl Weights {
 }
 
 /// The rows of one mesh.
-pub(crate) struct Stars<'a, M> {
-    pub(crate) mesh: &'a Connectivity,
-    pub(crate) sharpness: &'a Sharpness<'a>,
+pub(crate) struct Stars<'a, H, M> {
+    pub(crate) mesh: &'a H,
+    pub(crate) sharpness: &'a Sharpness<'a, H>,
     pub(crate) rules: Rules<()>,
     pub(crate) masks: M,
 }
@@ -106,7 +106,7 @@ pub(crate) struct Scratch {
     composed: Rows,
 }
 
-impl<M: Masks> Stars<'_, M> {
+impl<H: HalfEdges, M: Masks> Stars<'_, H, M> {
     /// The new vertex at the old one from which `start` runs, or which has no face. Columns are the old vertices, then the
     /// centroids of the faces.
     pub(crate) fn vertex(&self, scratch: &mut Scratch, vertex: u32, start: u32, rows: &mut Rows) {
@@ -129,7 +129,7 @@ impl<M: Masks> Stars<'_, M> {
         push_neighbors(rows, ring, weights);
         for (&half, &weight) in ring.halves.iter().zip(&weights.faces) {
             if weight != 0.0 {
-                rows.push(self.mesh.vertices as u32 + self.mesh.face_of(half), weight);
+                rows.push(self.mesh.vertices() as u32 + self.mesh.face_of(half), weight);
             }
         }
     }
@@ -150,7 +150,7 @@ impl<M: Masks> Stars<'_, M> {
         if self.rules.creases != Creases::Hoppe94 || sharp == 0.0 {
             return ([0.5 * sharp; 2], sharp);
         }
-        let owner = self.mesh.halves[edge as usize][0];
+        let owner = self.mesh.halves(edge)[0];
         let halves = [owner, self.mesh.next(owner)];
         let kinds = [0, 1].map(|k| self.kind(ends[k], halves[k]));
         match kinds {
@@ -261,7 +261,7 @@ impl<M: Masks> Stars<'_, M> {
     ) {
         let (n, mesh) = (ring.neighbors.len(), self.mesh);
         let halves = (0..weights.faces.len()).map(|j| ring.halves[(side.first + j) % n]);
-        let sides = |half: u32| mesh.faces.face(mesh.face_of(half) as usize).len();
+        let sides = |half: u32| mesh.faces().face(mesh.face_of(half) as usize).len();
         let direct = weights.faces.iter().all(|&weight| weight == 0.0)
             || halves.clone().all(|h| sides(h) == 4);
         if !direct {
@@ -305,7 +305,7 @@ impl<M: Masks> Stars<'_, M> {
     }
 
     fn push_centroid(&self, half: u32, weight: f64, row: &mut Vec<(u32, f64)>) {
-        let face = self.mesh.faces.face(self.mesh.face_of(half) as usize);
+        let face = self.mesh.faces().face(self.mesh.face_of(half) as usize);
         row.extend(face.iter().map(|&corner| (corner, weight / face.len() as f64)));
     }
 }

@@ -15,8 +15,10 @@ use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
 
-use super::connectivity::{BLOCK, Connectivity, NONE, Ring, by_faces};
+use super::by_faces::{BLOCK, by_faces};
+use super::connectivity::Connectivity;
 use super::dual_halves::DualFaces;
+use super::half_edges::{HalfEdges, NONE, Ring};
 use super::topology::Topology;
 use crate::masks::turns::{turn, turns};
 use crate::{Boundary, SubdivideError};

@@ -8,7 +8,9 @@ use maquette::memory::huge_vec;
 use maquette::parallel::*;
 use maquette::value::Faces;
 
-use super::connectivity::{BLOCK, Connectivity, NONE, by_faces};
+use super::by_faces::{BLOCK, by_faces};
+use super::connectivity::Connectivity;
+use super::half_edges::{HalfEdges, NONE};
 
 /// What is known of the new faces.
 pub(crate) struct DualFaces<'a> {
@@ -21,7 +23,7 @@ pub(crate) struct DualFaces<'a> {
 }
 
 impl DualFaces<'_> {
-    /// The half-edges of the new faces, and one from each new vertex as [`Connectivity::ring`] wants it.
+    /// The half-edges of the new faces, and one from each new vertex as [`HalfEdges::ring`] wants it.
     pub(crate) fn connectivity(&self) -> (Connectivity, Vec<u32>) {
         let Self { mesh, faces, edges, vertices } = *self;
         let inner = mesh.corners().len();

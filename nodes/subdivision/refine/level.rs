@@ -11,7 +11,8 @@ use std::sync::Arc;
 use maquette::parallel::*;
 use maquette::value::Faces;
 
-use super::connectivity::{Connectivity, NONE, Ring};
+use super::connectivity::Connectivity;
+use super::half_edges::{HalfEdges, NONE, Ring};
 use super::split::{Corners, Split, Triangles, split_halves};
 use super::topology::Topology;
 use crate::SubdivideError;
@@ -31,7 +32,7 @@ pub(crate) struct Level {
     pub(crate) mesh: Connectivity,
     /// The sharp edges, sorted; those of the border among them, as sharp as can be.
     pub(crate) creases: Vec<(u32, f64)>,
-    /// The odd vertices, sorted, and a half-edge from each as [`Connectivity::ring`] wants it.
+    /// The odd vertices, sorted, and a half-edge from each as [`HalfEdges::ring`] wants it.
     pub(crate) odd: Vec<[u32; 2]>,
     /// Of the first mesh alone: the half-edges from each regular vertex, [`NONE`] for the odd ones.
     rings: Vec<u32>,
@@ -93,7 +94,7 @@ impl Level {
 
     /// The odd vertices of the refined mesh: the old ones, those on sharp edges, and those in faces of another number of
     /// corners than regular vertices have neighbors.
-    fn odd_children(&self, split: impl Split) -> Vec<[u32; 2]> {
+    pub(crate) fn odd_children(&self, split: impl Split) -> Vec<[u32; 2]> {
         let mesh = &self.mesh;
         let old = self.odd.iter().map(|&[vertex, start]| {
             [vertex, if start == NONE { NONE } else { split.first(start) }]
@@ -119,57 +120,88 @@ impl Level {
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
-        let (mut level, mut rest, mut age) = (self, to, 0);
-        while let Some(coarser) = &level.coarser {
-            let old = &coarser.mesh;
-            let born = [old.vertices, old.vertices + old.halves.len()];
-            let [older, newer] = split_both(rest, born[0]);
-            let [on_edges, in_faces] = split_both(newer, old.halves.len());
-            at_born(on_edges, [born[0], age], split, &make, |index, ring| {
-                let [owner, twin] = old.halves[index];
-                if twin == NONE {
-                    return false;
-                }
-                let (left, right) = ring.split_at_mut(K::VALENCE / 2);
-                split.around_edge(old, owner, left);
-                split.around_edge(old, twin, right);
-                true
-            });
-            at_born(in_faces, [born[1], age], split, &make, |index, ring| {
-                let corner = old.faces.first_corner(index) as u32;
-                (0..).zip(ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
-                old.faces.first_corner(index + 1) as u32 == corner + K::VALENCE as u32
-            });
-            (rest, age, level) = (older, age + 1, coarser);
+        self.at_own(0, to, split, &make);
+    }
+
+    /// [`Self::at_regular`] in the mesh so many steps later, for the vertices that are here.
+    fn at_own<A: Send, B: Send, K: Split>(
+        &self,
+        age: usize,
+        to: Both<'_, A, B>,
+        split: K,
+        make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
+    ) {
+        match &self.coarser {
+            Some(coarser) => coarser.at_children(age, to, split, make),
+            None => at_born(to, [0, age], split, make, |index, ring| {
+                ring.copy_from_slice(&self.rings[K::VALENCE * index..][..K::VALENCE]);
+                ring[0] != NONE
+            }),
         }
-        at_born(rest, [0, age], split, &make, |index, ring| {
-            ring.copy_from_slice(&level.rings[K::VALENCE * index..][..K::VALENCE]);
-            ring[0] != NONE
+    }
+
+    /// The same for those of the mesh that the next step makes, `age` steps after that.
+    pub(crate) fn at_children<A: Send, B: Send, K: Split>(
+        &self,
+        age: usize,
+        to: Both<'_, A, B>,
+        split: K,
+        make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
+    ) {
+        let mesh = &self.mesh;
+        let born = [mesh.vertices, mesh.vertices + mesh.halves.len()];
+        let [own, newer] = split_both(to, born[0]);
+        let [on_edges, in_faces] = split_both(newer, mesh.halves.len());
+        at_born(on_edges, [born[0], age], split, make, |index, ring| {
+            let [owner, twin] = mesh.halves[index];
+            if twin == NONE {
+                return false;
+            }
+            let (left, right) = ring.split_at_mut(K::VALENCE / 2);
+            split.around_edge(mesh, owner, left);
+            split.around_edge(mesh, twin, right);
+            true
         });
+        at_born(in_faces, [born[1], age], split, make, |index, ring| {
+            let corner = mesh.faces.first_corner(index) as u32;
+            (0..).zip(ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
+            mesh.faces.first_corner(index + 1) as u32 == corner + K::VALENCE as u32
+        });
+        self.at_own(age + 1, own, split, make);
     }
 
     /// The half-edges from a regular vertex, in the order in which [`Self::at_regular`] gives them.
     pub(crate) fn ring_of<K: Split>(&self, vertex: usize, split: K) -> [u32; 6] {
+        self.ring_of_own(vertex, 0, split)
+    }
+
+    fn ring_of_own<K: Split>(&self, vertex: usize, age: usize, split: K) -> [u32; 6] {
+        if let Some(coarser) = &self.coarser {
+            return coarser.ring_of_child(vertex, age, split);
+        }
         let mut halves = [0; 6];
         let ring = &mut halves[..K::VALENCE];
-        let (mut level, mut age) = (self, 0);
-        while let Some(coarser) = &level.coarser {
-            let old = &coarser.mesh;
-            if let Some(born) = vertex.checked_sub(old.vertices) {
-                if let Some(&[owner, twin]) = old.halves.get(born) {
-                    let (left, right) = ring.split_at_mut(K::VALENCE / 2);
-                    split.around_edge(old, owner, left);
-                    split.around_edge(old, twin, right);
-                } else {
-                    let corner = old.faces.first_corner(born - old.halves.len()) as u32;
-                    (0..).zip(&mut *ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
-                }
-                grow_older(ring, age, split);
-                return halves;
-            }
-            (level, age) = (coarser, age + 1);
+        ring.copy_from_slice(&self.rings[K::VALENCE * vertex..][..K::VALENCE]);
+        grow_older(ring, age, split);
+        halves
+    }
+
+    /// That of a vertex of the mesh that the next step makes, in the mesh `age` steps after that.
+    pub(crate) fn ring_of_child<K: Split>(&self, vertex: usize, age: usize, split: K) -> [u32; 6] {
+        let mesh = &self.mesh;
+        let Some(born) = vertex.checked_sub(mesh.vertices) else {
+            return self.ring_of_own(vertex, age + 1, split);
+        };
+        let mut halves = [0; 6];
+        let ring = &mut halves[..K::VALENCE];
+        if let Some(&[owner, twin]) = mesh.halves.get(born) {
+            let (left, right) = ring.split_at_mut(K::VALENCE / 2);
+            split.around_edge(mesh, owner, left);
+            split.around_edge(mesh, twin, right);
+        } else {
+            let corner = mesh.faces.first_corner(born - mesh.halves.len()) as u32;
+            (0..).zip(&mut *ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
         }
-        ring.copy_from_slice(&level.rings[K::VALENCE * vertex..][..K::VALENCE]);
         grow_older(ring, age, split);
         halves
     }
@@ -186,7 +218,7 @@ impl Level {
 }
 
 /// Items of two lists at the same places.
-type Both<'a, A, B> = (&'a mut [A], &'a mut [B]);
+pub(crate) type Both<'a, A, B> = (&'a mut [A], &'a mut [B]);
 
 fn split_both<A, B>((a, b): Both<'_, A, B>, place: usize) -> [Both<'_, A, B>; 2] {
     let ((a, rest_of_a), (b, rest_of_b)) = (a.split_at_mut(place), b.split_at_mut(place));

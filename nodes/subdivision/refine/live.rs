@@ -5,7 +5,7 @@
 
 use nalgebra::Point3;
 
-use super::connectivity::{NONE, Ring};
+use super::half_edges::{HalfEdges, NONE, Ring};
 use super::primal::Primal;
 use super::step::Step;
 

@@ -14,6 +14,7 @@ use maquette::value::Faces;
 use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
+use super::half_edges::HalfEdges;
 use super::primal::Primal;
 
 /// Half-edges, faces or vertices, in rows that ascend.

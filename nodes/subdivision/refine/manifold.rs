@@ -2,7 +2,8 @@
 
 use maquette::value::{Faces, Mesh, MeshError};
 
-use super::connectivity::{Connectivity, NONE};
+use super::connectivity::Connectivity;
+use super::half_edges::{HalfEdges, NONE};
 use maquette_base::topology::union_find::UnionFind;
 
 /// The same mesh as a surface: each vertex once for each fan of faces around it, and so each edge with more than two faces once

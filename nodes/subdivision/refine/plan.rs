@@ -238,7 +238,7 @@ fn corners_after(mesh: &Mesh, levels: u32) -> f64 {
 pub(crate) fn bytes(mesh: &Mesh, how: Subdivision) -> f64 {
     let Subdivision { scheme, levels, limit, boundary, corners, .. } = how;
     // As measured; for the limit there are rows of numbers, and normals.
-    let (plain, of_limit) = if scheme.is_dual() { (34.0, 56.0) } else { (20.0, 26.0) };
+    let (plain, of_limit) = if scheme.is_dual() { (34.0, 56.0) } else { (20.0, 17.0) };
     let extra =
         [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
     let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();

@@ -8,6 +8,8 @@ use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
 
+use super::half_edges::HalfEdges;
+use super::last::Last;
 use super::level::{BLOCK, Level};
 use super::split::{Corners, Split, Triangles, split_faces};
 use crate::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
@@ -68,6 +70,11 @@ impl Primal {
         Level::after(&self.level, &self.finer)
     }
 
+    /// The refined mesh, if it is the last.
+    pub(crate) fn last(&self) -> Last {
+        Last::after(self.level.clone(), self.finer.clone())
+    }
+
     /// Number of vertices of the refined mesh.
     pub(crate) fn n_finer(&self) -> usize {
         match self.level.rules.scheme {
@@ -103,7 +110,7 @@ impl Primal {
         match self.level.mesh.faces.sides() {
             Some(3) => self.refine_along(old, kind, &ThreeSided),
             Some(4) => self.refine_along(old, kind, &Quads),
-            _ => self.refine_along(old, kind, &self.level.mesh),
+            _ => self.refine_along(old, kind, &self.level.mesh.turns),
         }
     }
 
@@ -211,7 +218,7 @@ impl Primal {
         };
         match creases.binary_search_by_key(&(born as u32), |crease| crease.0) {
             Ok(crease) => self.stencils.point(odd.len() + crease, column),
-            Err(_) => kind.on_edge(mesh, mesh.corners(), halves, old, in_faces),
+            Err(_) => kind.on_edge(&mesh.turns, mesh.corners(), halves, old, in_faces),
         }
     }
 
@@ -228,7 +235,7 @@ impl Primal {
             PrimalScheme::Loop => self.write(row, old, in_faces, to, (Triangles, &ThreeSided)),
             PrimalScheme::CatmullClark => match self.level.mesh.faces.sides() {
                 Some(4) => self.write(row, old, in_faces, to, (Corners, &Quads)),
-                _ => self.write(row, old, in_faces, to, (Corners, &self.level.mesh)),
+                _ => self.write(row, old, in_faces, to, (Corners, &self.level.mesh.turns)),
             },
         }
     }

@@ -13,10 +13,21 @@ use maquette::memory::huge_vec;
 use maquette::parallel::*;
 use maquette::value::Faces;
 
-use super::connectivity::{Connectivity, NONE};
+use super::connectivity::Connectivity;
+use super::half_edges::{HalfEdges, NONE};
 
 /// Faces that one task splits: some 50 us of work.
 const BLOCK: usize = 2048;
+
+/// Where a half-edge of the refined mesh comes from.
+pub(crate) enum Origin {
+    /// It is the first half of this one.
+    First(u32),
+    /// It is the second half.
+    Second(u32),
+    /// It lies inside a face, as this one does, its twin.
+    Inside(u32),
+}
 
 /// How a scheme cuts a face into parts.
 pub(crate) trait Split: Copy + Sync {
@@ -28,6 +39,9 @@ pub(crate) trait Split: Copy + Sync {
 
     /// The half of `half` at its end, in the refined mesh.
     fn second(self, mesh: &Connectivity, half: u32) -> u32;
+
+    /// Where a half-edge of the refined mesh comes from.
+    fn origin(self, mesh: &Connectivity, half: u32) -> Origin;
 
     /// The edges inside the face with these half-edges that its part at corner `k` owns: their half-edges, the owner first.
     fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
@@ -58,6 +72,16 @@ impl Split for Triangles {
     fn second(self, _: &Connectivity, half: u32) -> u32 {
         let (face, k) = (half / 3, half % 3);
         12 * face + if k == 2 { 2 } else { 3 * k + 5 }
+    }
+
+    fn origin(self, _: &Connectivity, half: u32) -> Origin {
+        let (face, part, k) = (half / 12, half % 12 / 3, half % 3);
+        match (part, k) {
+            (3, _) => Origin::Inside(12 * face + 3 * ((k + 1) % 3) + 1),
+            (_, 0) => Origin::First(3 * face + part),
+            (_, 1) => Origin::Inside(12 * face + 9 + (part + 2) % 3),
+            _ => Origin::Second(3 * face + (part + 2) % 3),
+        }
     }
 
     #[inline]
@@ -109,6 +133,16 @@ impl Split for Corners {
     #[inline]
     fn second(self, mesh: &Connectivity, half: u32) -> u32 {
         4 * mesh.next(half) + 3
+    }
+
+    fn origin(self, mesh: &Connectivity, half: u32) -> Origin {
+        let (old, k) = (half / 4, half % 4);
+        match k {
+            0 => Origin::First(old),
+            1 => Origin::Inside(4 * mesh.next(old) + 2),
+            2 => Origin::Inside(4 * mesh.previous(old) + 1),
+            _ => Origin::Second(mesh.previous(old)),
+        }
     }
 
     #[inline]

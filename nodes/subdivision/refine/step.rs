@@ -200,7 +200,7 @@ impl LastLimit {
     /// If the refined mesh is not manifold.
     pub(crate) fn new(step: &Step) -> Result<Self, SubdivideError> {
         let limit = match &step.rules {
-            Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.next().into()).into()),
+            Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.last()).into()),
             Kind::Dual(dual) => KindOfLimit::Dual(FinerDualLimit::new(dual)?.into()),
         };
         Ok(Self { root: step.root.clone(), depth: step.depth, limit })

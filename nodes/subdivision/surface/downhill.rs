@@ -6,7 +6,8 @@
 use nalgebra::{Point3, Vector3};
 
 use super::limit_point::LimitPoint;
-use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::{HalfEdges, NONE};
 
 /// A surface over the faces of a mesh that are all triangles or all quads.
 pub(crate) trait Parts {

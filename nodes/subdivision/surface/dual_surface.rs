@@ -14,8 +14,9 @@ use super::face_point::{FacePoint, QUAD};
 use super::limit_point::LimitPoint;
 use super::patches::{Jet, tensor};
 use crate::masks::turns::turns;
-use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::connectivity::Connectivity;
 use crate::refine::doo_sabin::Inside;
+use crate::refine::half_edges::{HalfEdges, NONE};
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;

@@ -17,6 +17,7 @@ use super::piece::Piece;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
 use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::Level;
 use crate::refine::primal::Primal;
 use crate::refine::topology::Topology;

@@ -12,7 +12,8 @@ use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::{Class, Edges, Sharpness};
 use crate::masks::stars::{Masks, Scratch, Stars};
-use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::refine::level::Level;
 use crate::refine::primal::Primal;
 use crate::rules::Rules;
@@ -116,7 +117,11 @@ impl Piece {
 
     /// The ring around the vertex from which a half-edge of the face runs, how sharp its edges are, the class of the vertex, and
     /// the place of the half-edge.
-    fn star(&self, sharpness: &Sharpness<'_>, half: u32) -> (Ring, Edges, Class, usize) {
+    fn star(
+        &self,
+        sharpness: &Sharpness<'_, Connectivity>,
+        half: u32,
+    ) -> (Ring, Edges, Class, usize) {
         let (mut ring, mut edges) = (Ring::default(), Edges::default());
         self.mesh.ring(self.mesh.first(half), &mut ring);
         sharpness.around(self.mesh.corners()[half as usize], &ring, &mut edges);
@@ -127,7 +132,7 @@ impl Piece {
 
     /// Whether the quad's corner at a half-edge is smooth amid four quads; or on a crease that lasts, with two quads on this
     /// side; or a corner with both edges of the quad sharp.
-    fn is_regular_corner(&self, sharpness: &Sharpness<'_>, half: u32) -> bool {
+    fn is_regular_corner(&self, sharpness: &Sharpness<'_, Connectivity>, half: u32) -> bool {
         let (ring, edges, class, place) = self.star(sharpness, half);
         let n = ring.edges.len();
         let softens = edges.before.iter().any(|&s| s > 0.0 && s < FOREVER);
@@ -144,7 +149,11 @@ impl Piece {
     }
 
     /// The control points of the quad's patch.
-    fn net(&self, sharpness: &Sharpness<'_>, halves: [u32; 4]) -> [[Vector3<f64>; 4]; 4] {
+    fn net(
+        &self,
+        sharpness: &Sharpness<'_, Connectivity>,
+        halves: [u32; 4],
+    ) -> [[Vector3<f64>; 4]; 4] {
         let mesh = &self.mesh;
         let mut net = [[Vector3::zeros(); 4]; 4];
         // Corner k of the quad, and the steps along the side after it and out of the quad across this side.
@@ -192,7 +201,11 @@ impl Piece {
 
     /// The six points around the triangle's corner at a half-edge, from its other end on; mirrored ones beyond a crease. None if
     /// the corner is not regular.
-    fn triangles_around(&self, sharpness: &Sharpness<'_>, half: u32) -> Option<[Vector3<f64>; 6]> {
+    fn triangles_around(
+        &self,
+        sharpness: &Sharpness<'_, Connectivity>,
+        half: u32,
+    ) -> Option<[Vector3<f64>; 6]> {
         let (ring, edges, class, place) = self.star(sharpness, half);
         let n = ring.edges.len();
         let at = |place: usize| self.points[ring.neighbors[place % n] as usize].coords;

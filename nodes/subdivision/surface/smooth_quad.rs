@@ -15,6 +15,7 @@ use super::smooth_triangle::{MOST, scaled};
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::stars::Masks;
 use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 
 /// Steps that bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;

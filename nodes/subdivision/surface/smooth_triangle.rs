@@ -19,6 +19,7 @@ use super::patches::{Jet, Quartic};
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::stars::Masks;
 use crate::refine::connectivity::Connectivity;
+use crate::refine::half_edges::HalfEdges;
 
 /// Most neighbors of the first corner.
 pub(crate) const MOST: usize = 16;

@@ -1,0 +1,160 @@
+//! The mesh that the last step of a primal scheme makes. Nothing is refined after it, and so its half-edges are not listed: those around
+//! its few odd vertices follow from those of the mesh before, by arithmetic.
+
+use std::sync::Arc;
+
+use maquette::value::Faces;
+
+use super::connectivity::Connectivity;
+use super::half_edges::{HalfEdges, NONE};
+use super::level::{Both, Level};
+use super::split::{Corners, Origin, Split, Triangles};
+use super::turns::Turns;
+use crate::masks::sharpness::Sharpness;
+use crate::scheme::PrimalScheme;
+
+/// A refined mesh. The number of an edge is that of its owner.
+#[derive(Debug)]
+pub(crate) struct Last {
+    pub(crate) coarser: Arc<Level>,
+    faces: Faces,
+    turns: Turns,
+    /// The odd vertices, sorted, and a half-edge from each as [`HalfEdges::ring`] wants it.
+    pub(crate) odd: Vec<[u32; 2]>,
+}
+
+impl Last {
+    /// The mesh after `coarser`, whose faces are known.
+    pub(crate) fn after(coarser: Arc<Level>, faces: Faces) -> Self {
+        let odd = match coarser.rules.scheme {
+            PrimalScheme::Loop => coarser.odd_children(Triangles),
+            PrimalScheme::CatmullClark => coarser.odd_children(Corners),
+        };
+        Self { coarser, turns: Turns::of(&faces), faces, odd }
+    }
+
+    /// The sharp edges, sorted; those of the border among them.
+    pub(crate) fn creases(&self) -> Vec<(u32, f64)> {
+        match self.coarser.rules.scheme {
+            PrimalScheme::Loop => self.creases_by(Triangles),
+            PrimalScheme::CatmullClark => self.creases_by(Corners),
+        }
+    }
+
+    fn creases_by(&self, split: impl Split) -> Vec<(u32, f64)> {
+        let Level { mesh, rules, creases, .. } = &*self.coarser;
+        Sharpness::new(mesh, *rules, creases).refined(|edge| {
+            let [owner, _] = mesh.halves(edge);
+            [split.first(owner), split.second(mesh, owner)].map(|half| self.edge_of(half))
+        })
+    }
+
+    /// As [`Level::at_regular`].
+    pub(crate) fn at_regular<A: Send, B: Send, K: Split>(
+        &self,
+        to: Both<'_, A, B>,
+        split: K,
+        make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
+    ) {
+        self.coarser.at_children(0, to, split, &make);
+    }
+
+    /// As [`Level::ring_of`].
+    pub(crate) fn ring_of<K: Split>(&self, vertex: usize, split: K) -> [u32; 6] {
+        self.coarser.ring_of_child(vertex, 0, split)
+    }
+
+    /// How many bytes it holds.
+    pub(crate) fn size(&self) -> usize {
+        self.coarser.size() + self.faces.corners().size() + self.odd.len() * 8
+    }
+}
+
+impl HalfEdges for Last {
+    fn vertices(&self) -> usize {
+        match self.coarser.rules.scheme {
+            PrimalScheme::Loop => Triangles.vertices(&self.coarser.mesh),
+            PrimalScheme::CatmullClark => Corners.vertices(&self.coarser.mesh),
+        }
+    }
+
+    fn faces(&self) -> &Faces {
+        &self.faces
+    }
+
+    fn turns(&self) -> &Turns {
+        &self.turns
+    }
+
+    fn twin(&self, half: u32) -> u32 {
+        let mesh = &self.coarser.mesh;
+        match self.coarser.rules.scheme {
+            PrimalScheme::Loop => twin(mesh, half, Triangles),
+            PrimalScheme::CatmullClark => twin(mesh, half, Corners),
+        }
+    }
+
+    fn edge_of(&self, half: u32) -> u32 {
+        half.min(self.twin(half))
+    }
+
+    fn halves(&self, edge: u32) -> [u32; 2] {
+        [edge, self.twin(edge)]
+    }
+}
+
+/// The twin of a half-edge of the mesh into which `mesh` is split.
+fn twin(mesh: &Connectivity, half: u32, split: impl Split) -> u32 {
+    match split.origin(mesh, half) {
+        Origin::Inside(twin) => twin,
+        Origin::First(old) => match mesh.twin(old) {
+            NONE => NONE,
+            twin => split.second(mesh, twin),
+        },
+        Origin::Second(old) => match mesh.twin(old) {
+            NONE => NONE,
+            twin => split.first(twin),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::refine::primal::Primal;
+    use crate::refine::topology::Topology;
+    use crate::refine::without_border::select_faces;
+    use crate::rules::Rules;
+    use crate::shapes::{cube, prism, sphere, torus};
+    use crate::{Boundary, Creases, Scheme};
+
+    #[test]
+    fn the_half_edges_are_those_of_lists() {
+        let open = select_faces(&sphere(1), &Vec::from_iter(0..17)).unwrap();
+        let quads = [cube(), prism(5), torus(5, 4, false)].map(|m| (Scheme::CatmullClark, m));
+        let triangles = [sphere(0), open].map(|m| (Scheme::Loop, m));
+        for (scheme, mesh) in quads.into_iter().chain(triangles) {
+            let edges = mesh.edges();
+            let ends = edges.vertices.iter().step_by(3).map(|&ends| (ends, 1.5));
+            let mesh = mesh.with_creases(Vec::from_iter(ends)).unwrap();
+            let (boundary, creases) = (Boundary::EdgeAndCorner, Creases::Chaikin);
+            let topology = Topology {
+                rules: Rules { scheme, boundary, creases },
+                vertices: mesh.positions().len(),
+                faces: mesh.faces().clone(),
+                creases: mesh.creases().collect(),
+            };
+            let step = Level::first(&topology, scheme.primal().unwrap()).unwrap();
+            let step = Primal::new(step.into());
+            let (last, level) = (step.last(), step.next());
+            let mesh = &level.mesh;
+            assert_eq!((last.vertices(), &last.odd), (mesh.vertices, &level.odd));
+            for half in 0..mesh.corners().len() as u32 {
+                let [owner, _] = mesh.halves(mesh.edge_of(half));
+                assert_eq!((last.twin(half), last.edge_of(half)), (mesh.twin(half), owner));
+            }
+            let by_owner = level.creases.iter().map(|&(edge, sharp)| (mesh.halves(edge)[0], sharp));
+            assert_eq!(last.creases(), Vec::from_iter(by_owner));
+        }
+    }
+}
