@@ -1,13 +1,15 @@
 //! Wide vectors where the machine has them, and what loops on them need.
 //!
 //! The program is built for every x86-64, whose vectors hold two `f64`. A [`Kernel`] is compiled again for four and for eight;
-//! which of them runs is decided when it is called. None fuses multiplications and additions unless all do, by [`fused`], so
-//! that the bits are the same.
+//! which of them runs is decided when it is called. None fuses multiplications and additions unless all do, as a
+//! [`FusedKernel`] says, so that the bits are the same.
 
 #![allow(
     unsafe_code,
     reason = "calling code for a detected feature is unsafe; each use has its proof"
 )]
+
+use std::marker::PhantomData;
 
 /// A loop over plain numbers. `run`, and whatever it calls in the loop, must be marked `#[inline(always)]`, or it stays as it
 /// is.
@@ -18,18 +20,82 @@ pub trait Kernel {
 
 /// Runs a kernel with the widest vectors that this machine has.
 pub fn widest(kernel: impl Kernel) {
+    if let Some(kernel) = wide(kernel) {
+        kernel.run();
+    }
+}
+
+/// A kernel that rounds sums of products once.
+pub trait FusedKernel {
+    /// Does the work; as for [`Kernel::run`].
+    fn run<F: Fused>(self);
+}
+
+/// Runs a kernel as [`widest`] does.
+pub fn widest_fused(kernel: impl FusedKernel) {
+    if let Some(By(kernel, _)) = wide(By(kernel, PhantomData::<Instruction>)) {
+        if cfg!(target_arch = "aarch64") {
+            kernel.run::<Instruction>();
+        } else {
+            kernel.run::<Software>();
+        }
+    }
+}
+
+/// A kernel with its way to fuse.
+struct By<K, F>(K, PhantomData<F>);
+
+impl<K: FusedKernel, F: Fused> Kernel for By<K, F> {
+    #[inline(always)]
+    fn run(self) {
+        self.0.run::<F>();
+    }
+}
+
+/// A way to compute `a * b + c`, rounded once. No number is nearer than that, so all ways give the same bits.
+pub trait Fused {
+    /// `a * b + c`.
+    fn fused(a: f64, b: f64, c: f64) -> f64;
+}
+
+/// One instruction, which each aarch64 has and each x86-64 since 2013, with few exceptions.
+#[derive(Clone, Copy, Debug)]
+pub struct Instruction;
+
+impl Fused for Instruction {
+    #[expect(clippy::disallowed_methods, reason = "only run where there is the instruction")]
+    #[inline(always)]
+    fn fused(a: f64, b: f64, c: f64) -> f64 {
+        a.mul_add(b, c)
+    }
+}
+
+/// A function of whole numbers, some 10 ns.
+#[derive(Clone, Copy, Debug)]
+pub struct Software;
+
+impl Fused for Software {
+    fn fused(a: f64, b: f64, c: f64) -> f64 {
+        libm::fma(a, b, c)
+    }
+}
+
+/// Runs a kernel with wide vectors, or gives it back where there are none.
+fn wide<K: Kernel>(kernel: K) -> Option<K> {
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
             // SAFETY: the features were found just now.
-            return unsafe { with_avx512(kernel) };
+            unsafe { with_avx512(kernel) };
+            return None;
         }
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             // SAFETY: the features were found just now.
-            return unsafe { with_avx2(kernel) };
+            unsafe { with_avx2(kernel) };
+            return None;
         }
     }
-    kernel.run();
+    Some(kernel)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -42,14 +108,6 @@ fn with_avx2(kernel: impl Kernel) {
 #[target_feature(enable = "avx512f,avx512vl")]
 fn with_avx512(kernel: impl Kernel) {
     kernel.run();
-}
-
-/// `a * b + c`, rounded once: the same bits on every machine, since no other number is nearer. For loops of a [`Kernel`]: one operation
-/// where the processor has it, as those since 2013 do, and a slow call where not.
-#[expect(clippy::disallowed_methods, reason = "this is what others are told to use")]
-#[inline(always)]
-pub fn fused(a: f64, b: f64, c: f64) -> f64 {
-    a.mul_add(b, c)
 }
 
 /// Numbers for a loop of a kernel, where they cross no line of the processor's cache.
@@ -87,8 +145,8 @@ const POWERS: [f64; 12] = [
 /// Off by 2 units in the last place at most, and exact for integers. Below -1022, where the numbers lose digits, it stays at
 /// `2^-1022`, some 2e-308; from 1023.5 on it is wrong. NaN stays NaN.
 #[inline(always)]
-pub fn exp2(x: f64) -> f64 {
-    exp2_of_normal(if x < LEAST { LEAST } else { x })
+pub fn exp2<F: Fused>(x: f64) -> f64 {
+    exp2_of_normal::<F>(if x < LEAST { LEAST } else { x })
 }
 
 /// The least exponent of 2 whose power has all its digits.
@@ -100,13 +158,13 @@ pub const LEAST: f64 = -1022.0;
 /// fours (G. Estrin, "Organization of computer systems", 1960): the chain of operations that wait for each other has half the
 /// length of Horner's, and chains are what a processor has too few places for.
 #[inline(always)]
-pub fn exp2_of_normal(x: f64) -> f64 {
+pub fn exp2_of_normal<F: Fused>(x: f64) -> f64 {
     let (rest, power_of_integer) = split(x);
     let sq = rest * rest;
     let fourth = sq * sq;
-    let two = |first: usize| fused(POWERS[first + 1], rest, POWERS[first]);
-    let four = |first: usize| fused(two(first + 2), sq, two(first));
-    fused(fused(four(8), fourth, four(4)), fourth, four(0)) * power_of_integer
+    let two = |first: usize| F::fused(POWERS[first + 1], rest, POWERS[first]);
+    let four = |first: usize| F::fused(two(first + 2), sq, two(first));
+    F::fused(F::fused(four(8), fourth, four(4)), fourth, four(0)) * power_of_integer
 }
 
 /// The polynomial that meets `2^x` at the 7 Chebyshev points of -1/2 to 1/2: off by 2.54e-9 at most.
@@ -125,12 +183,12 @@ pub const ROUGHLY: f64 = 2.6e-9;
 
 /// [`exp2`], off by [`ROUGHLY`] of itself, in three quarters of the time: for sums that are not exact anyhow.
 #[inline(always)]
-pub fn exp2_roughly(x: f64) -> f64 {
+pub fn exp2_roughly<F: Fused>(x: f64) -> f64 {
     let (rest, power_of_integer) = split(if x < LEAST { LEAST } else { x });
     let sq = rest * rest;
-    let two = |first: usize| fused(ROUGH_POWERS[first + 1], rest, ROUGH_POWERS[first]);
-    let four = fused(two(2), sq, two(0));
-    fused(fused(ROUGH_POWERS[6], sq, two(4)), sq * sq, four) * power_of_integer
+    let two = |first: usize| F::fused(ROUGH_POWERS[first + 1], rest, ROUGH_POWERS[first]);
+    let four = F::fused(two(2), sq, two(0));
+    F::fused(F::fused(ROUGH_POWERS[6], sq, two(4)), sq * sq, four) * power_of_integer
 }
 
 /// The difference of `x` from the nearest integer, and 2 to the power of that integer.
@@ -155,10 +213,10 @@ mod tests {
 
     struct Powers<'a>(&'a mut [f64]);
 
-    impl Kernel for Powers<'_> {
+    impl FusedKernel for Powers<'_> {
         #[inline(always)]
-        fn run(self) {
-            self.0.iter_mut().for_each(|x| *x = exp2(*x));
+        fn run<F: Fused>(self) {
+            self.0.iter_mut().for_each(|x| *x = exp2::<F>(*x));
         }
     }
 
@@ -173,11 +231,13 @@ mod tests {
     fn wide_vectors_give_the_same_bits() {
         let numbers: Vec<f64> = (0..103).map(|k| libm::sin(f64::from(k)) * 1e3).collect();
         same_bits(numbers.clone(), |x| Cubes(x).run(), |x| widest(Cubes(x)));
-        same_bits(numbers.clone(), |x| Powers(x).run(), |x| widest(Powers(x)));
+        same_bits(numbers.clone(), |x| Powers(x).run::<Software>(), |x| widest_fused(Powers(x)));
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             // SAFETY: the features were found just now.
-            same_bits(numbers, |x| Powers(x).run(), |x| unsafe { with_avx2(Powers(x)) });
+            let by_instruction =
+                |x: &mut [f64]| unsafe { with_avx2(By(Powers(x), PhantomData::<Instruction>)) };
+            same_bits(numbers, |x| Powers(x).run::<Software>(), by_instruction);
         }
     }
 
@@ -191,28 +251,28 @@ mod tests {
         for x in far.chain(near) {
             let exact = libm::exp2(x);
             let unit = f64::from_bits(exact.to_bits() + 1) - exact;
-            worst = worst.max((exp2(x) - exact).abs() / unit);
+            worst = worst.max((exp2::<Software>(x) - exact).abs() / unit);
         }
         assert!(worst <= 2.0, "{worst} units in the last place");
     }
 
     #[test]
     fn rough_powers_are_off_by_what_they_say() {
-        let off = |x: f64| (exp2_roughly(x) / libm::exp2(x) - 1.0).abs();
+        let off = |x: f64| (exp2_roughly::<Software>(x) / libm::exp2(x) - 1.0).abs();
         let worst = (0..1_000_000).map(|k| f64::from(k) * 2e-3 - 1000.0).map(off);
         let worst = worst.fold(0.0, f64::max);
         assert!(worst <= ROUGHLY, "{worst}");
         assert!(worst > ROUGHLY / 2.0, "{worst} is much less than {ROUGHLY}");
-        assert_eq!(exp2_roughly(-1e300), f64::MIN_POSITIVE);
-        assert!(exp2_roughly(f64::NAN).is_nan());
+        assert_eq!(exp2_roughly::<Software>(-1e300), f64::MIN_POSITIVE);
+        assert!(exp2_roughly::<Software>(f64::NAN).is_nan());
     }
 
     #[test]
     fn powers_with_whole_exponents_are_exact_and_the_ends_are_safe() {
-        assert!((-1022..=1023).all(|k| exp2(f64::from(k)) == libm::scalbn(1.0, k)));
+        assert!((-1022..=1023).all(|k| exp2::<Software>(f64::from(k)) == libm::scalbn(1.0, k)));
         for x in [-1022.5, -1e5, -1e300, f64::NEG_INFINITY] {
-            assert_eq!(exp2(x), f64::MIN_POSITIVE);
+            assert_eq!(exp2::<Software>(x), f64::MIN_POSITIVE);
         }
-        assert!(exp2(f64::NAN).is_nan());
+        assert!(exp2::<Software>(f64::NAN).is_nan());
     }
 }

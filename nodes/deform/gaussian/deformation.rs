@@ -11,7 +11,9 @@
 use std::f64::consts::LN_2;
 use std::marker::PhantomData;
 
-use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, exp2_roughly, fused, widest};
+use maquette::simd::{
+    self, Fused, FusedKernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest_fused,
+};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};
@@ -136,15 +138,15 @@ impl Deformation {
 
 /// How powers of 2 are taken.
 trait Power {
-    fn of(exponent: f64) -> f64;
+    fn of<F: Fused>(exponent: f64) -> f64;
 }
 
 struct Any;
 
 impl Power for Any {
     #[inline(always)]
-    fn of(exponent: f64) -> f64 {
-        exp2(exponent)
+    fn of<F: Fused>(exponent: f64) -> f64 {
+        exp2::<F>(exponent)
     }
 }
 
@@ -153,8 +155,8 @@ struct Normal;
 
 impl Power for Normal {
     #[inline(always)]
-    fn of(exponent: f64) -> f64 {
-        exp2_of_normal(exponent)
+    fn of<F: Fused>(exponent: f64) -> f64 {
+        exp2_of_normal::<F>(exponent)
     }
 }
 
@@ -162,8 +164,8 @@ struct Rough;
 
 impl Power for Rough {
     #[inline(always)]
-    fn of(exponent: f64) -> f64 {
-        exp2_roughly(exponent)
+    fn of<F: Fused>(exponent: f64) -> f64 {
+        exp2_roughly::<F>(exponent)
     }
 }
 
@@ -171,15 +173,15 @@ impl Power for Rough {
 /// operations, and a list of such terms no choice.
 trait Shape {
     /// The exponent of 2 at a point with this offset from the center.
-    fn exponent(bump: &Bump, offset: [f64; 3]) -> f64;
+    fn exponent<F: Fused>(bump: &Bump, offset: [f64; 3]) -> f64;
 }
 
 struct Round;
 
 impl Shape for Round {
     #[inline(always)]
-    fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
-        fused(factor[0], fused(dz, dz, fused(dy, dy, dx * dx)), *level)
+    fn exponent<F: Fused>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+        F::fused(factor[0], F::fused(dz, dz, F::fused(dy, dy, dx * dx)), *level)
     }
 }
 
@@ -187,9 +189,9 @@ struct Stretched;
 
 impl Shape for Stretched {
     #[inline(always)]
-    fn exponent(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+    fn exponent<F: Fused>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
         let [x, y, z] = [dx * factor[0], dy * factor[1], dz * factor[2]];
-        fused(dx, x, *level) + fused(dz, z, dy * y)
+        F::fused(dx, x, *level) + F::fused(dz, z, dy * y)
     }
 }
 
@@ -197,8 +199,9 @@ struct Mixed;
 
 impl Shape for Mixed {
     #[inline(always)]
-    fn exponent(bump: &Bump, offset: [f64; 3]) -> f64 {
-        let [round, stretched] = [Round::exponent(bump, offset), Stretched::exponent(bump, offset)];
+    fn exponent<F: Fused>(bump: &Bump, offset: [f64; 3]) -> f64 {
+        let [round, stretched] =
+            [Round::exponent::<F>(bump, offset), Stretched::exponent::<F>(bump, offset)];
         if bump.is_round() { round } else { stretched }
     }
 }
@@ -206,16 +209,16 @@ impl Shape for Mixed {
 /// What is done with terms, whatever their powers and shapes are.
 trait Work {
     fn terms(&self) -> &[Term];
-    fn run<P: Power, S: Shape>(self);
+    fn run<P: Power, S: Shape, F: Fused>(self);
 }
 
 /// A work with its choices made.
 struct By<W, P, S>(W, PhantomData<(P, S)>);
 
-impl<W: Work, P: Power, S: Shape> Kernel for By<W, P, S> {
+impl<W: Work, P: Power, S: Shape> FusedKernel for By<W, P, S> {
     #[inline(always)]
-    fn run(self) {
-        self.0.run::<P, S>();
+    fn run<F: Fused>(self) {
+        self.0.run::<P, S, F>();
     }
 }
 
@@ -223,9 +226,9 @@ fn run<P: Power>(work: impl Work) {
     let (round, stretched) = (PhantomData::<(P, Round)>, PhantomData::<(P, Stretched)>);
     let count = work.terms().iter().filter(|term| term.bump.is_round()).count();
     match work.terms().len() {
-        all if count == all => widest(By(work, round)),
-        _ if count == 0 => widest(By(work, stretched)),
-        _ => widest(By(work, PhantomData::<(P, Mixed)>)),
+        all if count == all => widest_fused(By(work, round)),
+        _ if count == 0 => widest_fused(By(work, stretched)),
+        _ => widest_fused(By(work, PhantomData::<(P, Mixed)>)),
     }
 }
 
@@ -259,10 +262,10 @@ impl Work for Positions<'_> {
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape>(self) {
+    fn run<P: Power, S: Shape, F: Fused>(self) {
         let Self(deformation, terms, points, moved) = self;
         for (points, moved) in points.chunks(LANES).zip(moved.chunks_mut(LANES)) {
-            let sums = sums::<LANES, 0, P, S>(terms, deformation.background, &columns(points));
+            let sums = sums::<LANES, 0, P, S, F>(terms, deformation.background, &columns(points));
             for (lane, (point, moved)) in points.iter().zip(moved).enumerate() {
                 *moved = deformation.moved(*point, &sums, lane);
             }
@@ -293,7 +296,7 @@ impl Work for Scattered<'_> {
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape>(self) {
+    fn run<P: Power, S: Shape, F: Fused>(self) {
         let Self { deformation, terms, members, points, moved, near } = self;
         for members in members.chunks(near.len() * LANES) {
             let last = members[members.len() - 1];
@@ -303,7 +306,7 @@ impl Work for Scattered<'_> {
                 (0..3).for_each(|axis| near[k / LANES][axis].0[k % LANES] = point[axis]);
             }
             for (x, members) in near.iter().zip(members.chunks(LANES)) {
-                let sums = sums::<LANES, 0, P, S>(terms, deformation.background, x);
+                let sums = sums::<LANES, 0, P, S, F>(terms, deformation.background, x);
                 for (lane, &member) in members.iter().enumerate() {
                     let point = Point3::from(x.each_ref().map(|x| x.0[lane]));
                     moved[member as usize] = deformation.moved(point, &sums, lane);
@@ -327,13 +330,13 @@ impl Work for Jacobians<'_> {
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape>(self) {
+    fn run<P: Power, S: Shape, F: Fused>(self) {
         let Self { deformation, terms, points, moved, jacobians } = self;
         let derivative = deformation.base.derivative();
         let chunks = points.chunks(LANES).zip(moved.chunks_mut(LANES));
         for ((points, moved), jacobians) in chunks.zip(jacobians.chunks_mut(LANES)) {
             let x = columns(points);
-            let sums = sums::<LANES, 3, P, S>(terms, deformation.background, &x);
+            let sums = sums::<LANES, 3, P, S, F>(terms, deformation.background, &x);
             for (lane, (point, (moved, jacobian))) in
                 points.iter().zip(moved.iter_mut().zip(jacobians)).enumerate()
             {
@@ -415,13 +418,13 @@ impl<const N: usize> Sums<N, 3> {
 
 /// The sums, with those that vanish computed again. Each lane depends on its own point alone.
 #[inline(always)]
-fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape>(
+fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, F: Fused>(
     terms: &[Term],
     background: f64,
     x: &[Lanes<N>; 3],
 ) -> Sums<N, DERIVATIVES> {
     let mut sums = Sums::new(&Lanes([background; N]));
-    add::<N, DERIVATIVES, P, S, false>(terms, x, &Lanes::ZERO, &mut sums);
+    add::<N, DERIVATIVES, P, S, F, false>(terms, x, &Lanes::ZERO, &mut sums);
     if sums.total.0.iter().any(|total| *total < LEAST_TOTAL) {
         let rest = libm::log2(background);
         let mut greatest = Lanes([rest; N]);
@@ -431,10 +434,11 @@ fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape>(
                 greatest.0[lane] = greatest.0[lane].max(exponent);
             }
         }
-        let rest =
-            greatest.0.map(|greatest| if background > 0.0 { exp2(rest - greatest) } else { 0.0 });
+        let rest = greatest
+            .0
+            .map(|greatest| if background > 0.0 { exp2::<F>(rest - greatest) } else { 0.0 });
         let mut again = Sums::new(&Lanes(rest));
-        add::<N, DERIVATIVES, Any, S, true>(terms, x, &greatest, &mut again);
+        add::<N, DERIVATIVES, Any, S, F, true>(terms, x, &greatest, &mut again);
         sums.replace_lost(&again);
     }
     sums
@@ -442,7 +446,14 @@ fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape>(
 
 /// Adds every term to the sums. One pass, without a branch: all lanes of the processor are at work.
 #[inline(always)]
-fn add<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, const SHIFTED: bool>(
+fn add<
+    const N: usize,
+    const DERIVATIVES: usize,
+    P: Power,
+    S: Shape,
+    F: Fused,
+    const SHIFTED: bool,
+>(
     terms: &[Term],
     x: &[Lanes<N>; 3],
     shift: &Lanes<N>,
@@ -455,22 +466,22 @@ fn add<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, const SHIFT
         let Bump { center, factor, .. } = bump;
         for k in 0..N {
             let offset = [x[k] - center[0], y[k] - center[1], z[k] - center[2]];
-            let mut exponent = S::exponent(bump, offset);
+            let mut exponent = S::exponent::<F>(bump, offset);
             if SHIFTED {
                 exponent -= shift[k];
             }
-            let v = P::of(exponent);
+            let v = P::of::<F>(exponent);
             total.0[k] += v;
-            s0.0[k] = fused(v, value[0], s0.0[k]);
-            s1.0[k] = fused(v, value[1], s1.0[k]);
-            s2.0[k] = fused(v, value[2], s2.0[k]);
+            s0.0[k] = F::fused(v, value[0], s0.0[k]);
+            s1.0[k] = F::fused(v, value[1], s1.0[k]);
+            s2.0[k] = F::fused(v, value[2], s2.0[k]);
             let derivatives = slope.iter_mut().zip(product.iter_mut()).enumerate();
             for (axis, (slope, [px, py, pz])) in derivatives {
                 let vl = v * (offset[axis] * factor[axis]);
                 slope.0[k] += vl;
-                px.0[k] = fused(vl, value[0], px.0[k]);
-                py.0[k] = fused(vl, value[1], py.0[k]);
-                pz.0[k] = fused(vl, value[2], pz.0[k]);
+                px.0[k] = F::fused(vl, value[0], px.0[k]);
+                py.0[k] = F::fused(vl, value[1], py.0[k]);
+                pz.0[k] = F::fused(vl, value[2], pz.0[k]);
             }
         }
     }

@@ -10,7 +10,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use maquette::simd::{Kernel, exp2, widest};
+use maquette::simd::{Fused, FusedKernel, Software, exp2, widest_fused};
 use nalgebra::Point3;
 
 /// One Gaussian: `2^(level + sum over the axes of factor * (x - center)^2)`.
@@ -76,8 +76,9 @@ impl Gaussians {
             self.bumps.iter().map(|bump| bump.exponent(point.into())).collect();
         let background = libm::log2(self.background);
         let greatest = shares.iter().copied().fold(background, f64::max);
-        widest(Powers { exponents: &mut shares, greatest });
-        let rest = if self.background > 0.0 { exp2(background - greatest) } else { 0.0 };
+        widest_fused(Powers { exponents: &mut shares, greatest });
+        let rest =
+            if self.background > 0.0 { exp2::<Software>(background - greatest) } else { 0.0 };
         let total = rest + shares.iter().sum::<f64>();
         shares.iter_mut().for_each(|share| *share /= total);
         shares
@@ -90,10 +91,10 @@ struct Powers<'a> {
     greatest: f64,
 }
 
-impl Kernel for Powers<'_> {
+impl FusedKernel for Powers<'_> {
     #[inline(always)]
-    fn run(self) {
-        self.exponents.iter_mut().for_each(|x| *x = exp2(*x - self.greatest));
+    fn run<F: Fused>(self) {
+        self.exponents.iter_mut().for_each(|x| *x = exp2::<F>(*x - self.greatest));
     }
 }
 
