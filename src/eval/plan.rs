@@ -1,6 +1,6 @@
 //! What must be looked at, found before anything runs.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::Evaluator;
 use super::key::Parts;
@@ -63,7 +63,12 @@ impl Known {
             }
             Self::Some(results) => results,
         };
+        // Where one gave another result than was known, others may have been computed from the old one.
+        let mut agree = true;
         for (index, done) in visited {
+            if let (Some(before), Some(done)) = (&results[index], &done) {
+                agree &= done.outcome.equals(&before.outcome);
+            }
             results[index] = done;
         }
         let mut found = Vec::from_iter(results.iter().map(Option::is_some));
@@ -86,7 +91,15 @@ impl Known {
             }
         }
         found.resize(results.len(), false);
-        Arc::new(Snapshot::new(name.clone(), (shape.identity, names), results, found))
+        Arc::new(Snapshot {
+            graph: name.clone(),
+            shape: shape.identity,
+            identities: if agree { shape.identities.clone() } else { Arc::default() },
+            names,
+            results,
+            found,
+            places: OnceLock::new(),
+        })
     }
 }
 
@@ -142,12 +155,27 @@ impl Evaluator {
         if self.nothing_changed(last, graph, wanted) {
             return Known::All(last.clone());
         }
+        let shape = &graph.shape;
         let mut results: Vec<Option<Arc<Done>>> = vec![None; wanted.len()];
+        // The nodes that are as they were in the last evaluation, and hang on such alone: there each was computed from what the others gave.
+        let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
-            let before = last.before(&graph.shape.names[index], index);
-            results[index] = before
-                .filter(|done| self.is_computed_from(&done.parts, graph, index, &results))
-                .cloned();
+            let is_same = |_: &&Arc<Done>| shape.sources(index).all(|source| same[source]);
+            let known = match last.same(graph, index).filter(is_same) {
+                Some(done)
+                    if !shape.reads_files(index) || self.has_files(&done.parts, graph, index) =>
+                {
+                    same[index] = true;
+                    Some(done)
+                }
+                _ => {
+                    let from_the_same = |done: &&Arc<Done>| {
+                        self.is_computed_from(&done.parts, graph, index, &results)
+                    };
+                    last.before(&shape.names[index], index).filter(from_the_same)
+                }
+            };
+            results[index] = known.cloned();
         }
         Known::Some(results)
     }
@@ -194,6 +222,6 @@ impl Evaluator {
     /// Whether a result is among those that are compared.
     fn verifies(&self, done: &Done) -> bool {
         let [a, b, ..] = done.key.0;
-        f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
+        0.0 < self.verify && f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
     }
 }

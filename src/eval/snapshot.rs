@@ -26,27 +26,27 @@ pub(super) struct Snapshot {
     pub(super) graph: PathBuf,
     /// The identity of its shape.
     pub(super) shape: Hash,
+    /// The identities of its nodes; empty if they are not known.
+    pub(super) identities: Arc<[Hash]>,
     /// The nodes' names, and behind them those of elements that the graph had when its data were taken apart.
     pub(super) names: Arc<[String]>,
     pub(super) results: Vec<Option<Arc<Done>>>,
     /// The nodes that the last evaluation wanted and has the results of.
     pub(super) found: Vec<bool>,
-    places: OnceLock<HashMap<String, usize>>,
+    /// The places of the names, once somebody asked for one.
+    pub(super) places: OnceLock<HashMap<String, usize>>,
 }
 
 impl Snapshot {
-    pub(super) fn new(
-        graph: PathBuf,
-        (shape, names): (Hash, Arc<[String]>),
-        results: Vec<Option<Arc<Done>>>,
-        found: Vec<bool>,
-    ) -> Self {
-        Self { graph, shape, names, results, found, places: OnceLock::new() }
-    }
-
     /// What the last evaluation found of a node.
     pub(super) fn current(&self, index: usize) -> Option<&Arc<Done>> {
         self.results[index].as_ref().filter(|_| self.found[index])
+    }
+
+    /// The same, if the graph has the node at the same place, of the same recipe and links.
+    pub(super) fn same(&self, graph: &Graph, index: usize) -> Option<&Arc<Done>> {
+        let identity = self.identities.get(index)?;
+        self.current(index).filter(|_| *identity == graph.shape.identities[index])
     }
 
     /// Puts results on disk that were made while nothing was to be put there.

@@ -11,6 +11,8 @@ use crate::value::Hash;
 pub(crate) struct Shape {
     /// The nodes' names.
     pub(crate) names: Arc<[String]>,
+    /// Of each node the hash of its name, recipe and links.
+    pub(crate) identities: Arc<[Hash]>,
     /// The hash of all nodes' names, recipes and links: equal for two graphs, the same graph.
     pub(crate) identity: Hash,
     /// The nodes that read files.
@@ -20,12 +22,23 @@ pub(crate) struct Shape {
 
 impl Shape {
     pub(crate) fn new(nodes: &[GraphNode]) -> Self {
+        let (mut content, mut identities) = (Vec::new(), Vec::with_capacity(nodes.len()));
+        for node in nodes {
+            let start = content.len();
+            describe(node, &mut content);
+            identities.push(Hash::of(&content[start..]));
+        }
         Self {
             names: nodes.iter().map(|node| node.name.clone()).collect(),
-            identity: identity(nodes),
+            identity: Hash::of(&content),
+            identities: identities.into(),
             readers: (0..nodes.len()).filter(|&index| !nodes[index].files.is_empty()).collect(),
             needs: needs(nodes),
         }
+    }
+
+    pub(crate) fn reads_files(&self, node: usize) -> bool {
+        self.readers.binary_search(&node).is_ok()
     }
 
     /// The nodes that are linked to a node, once per link, in their order.
@@ -53,18 +66,15 @@ fn needs(nodes: &[GraphNode]) -> Needs {
     Needs::new(nodes.len(), links)
 }
 
-fn identity(nodes: &[GraphNode]) -> Hash {
-    let mut content = Vec::new();
-    for node in nodes {
-        // Each part has a length that is fixed or told, so that no two graphs give the same bytes.
-        content.extend_from_slice(&node.recipe.identity.0);
-        content.extend_from_slice(&(node.links.len() as u64).to_le_bytes());
-        for link in &node.links {
-            content.extend_from_slice(&(link.node as u64).to_le_bytes());
-            content.extend_from_slice(&(link.output as u64).to_le_bytes());
-        }
-        content.extend_from_slice(&(node.name.len() as u64).to_le_bytes());
-        content.extend_from_slice(node.name.as_bytes());
+/// Adds what a node is: its name, its recipe and its links.
+fn describe(node: &GraphNode, content: &mut Vec<u8>) {
+    // Each part has a length that is fixed or told, so that no two graphs give the same bytes.
+    content.extend_from_slice(&node.recipe.identity.0);
+    content.extend_from_slice(&(node.links.len() as u64).to_le_bytes());
+    for link in &node.links {
+        content.extend_from_slice(&(link.node as u64).to_le_bytes());
+        content.extend_from_slice(&(link.output as u64).to_le_bytes());
     }
-    Hash::of(&content)
+    content.extend_from_slice(&(node.name.len() as u64).to_le_bytes());
+    content.extend_from_slice(node.name.as_bytes());
 }

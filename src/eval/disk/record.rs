@@ -1,7 +1,7 @@
 //! What the last evaluation of a graph found, without values: so that the next process knows at once what changed, and why.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -96,8 +96,15 @@ pub(super) fn read(
         found.push(node.found && result.is_some());
         results.push(result);
     }
-    let of = (record.shape, names.into());
-    let snapshot = Snapshot::new(graph.to_owned(), of, results, found);
+    let snapshot = Snapshot {
+        graph: graph.to_owned(),
+        shape: record.shape,
+        identities: Arc::default(),
+        names: names.into(),
+        results,
+        found,
+        places: OnceLock::new(),
+    };
     Some((snapshot, record.files))
 }
 
