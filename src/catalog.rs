@@ -13,6 +13,7 @@ use crate::node::{Carry, NodeType, Output, Term};
 use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
 use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
+use crate::text::merged;
 use crate::value::{AnyValue, TYPES, ValueType};
 
 mod description;
@@ -78,6 +79,7 @@ pub(crate) struct Entry {
     pub(crate) node: NodeType,
     readers: Arc<Readers>,
     schema: OnceLock<Json>,
+    merged_schema: OnceLock<Json>,
     outputs: OnceLock<Vec<Output>>,
 }
 
@@ -96,6 +98,11 @@ impl Entry {
             }
             schema
         })
+    }
+
+    /// The same without words beside references, for whom steps through it many times: [`merged`].
+    pub(crate) fn merged_schema(&self) -> &Json {
+        self.merged_schema.get_or_init(|| merged(self.schema()))
     }
 
     /// What becomes of attributes.
@@ -168,6 +175,7 @@ impl Catalog {
                     node: *node,
                     readers: readers.clone(),
                     schema: OnceLock::new(),
+                    merged_schema: OnceLock::new(),
                     outputs: OnceLock::new(),
                 };
                 entries.entry(name.clone()).or_insert_with(|| Arc::new(entry()));

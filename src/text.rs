@@ -35,7 +35,7 @@ pub(crate) use ron::{quoted, ron};
 pub(crate) use schema::{Finding, FoundFile, FoundLink, Walk, as_tree, check_default};
 pub(crate) use sheet::{Sheet, TextPart};
 pub(crate) use shell::shell;
-pub(crate) use steps::{inside, inside_option, resolve, variants};
+pub(crate) use steps::{inside, inside_option, merged, resolve, variants};
 #[cfg(test)]
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};

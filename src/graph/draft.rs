@@ -97,7 +97,7 @@ impl What {
     /// The description of its fields.
     pub(super) fn schema(&self) -> Option<&Json> {
         match self {
-            Self::Node(entry) => Some(entry.schema()),
+            Self::Node(entry) => Some(entry.merged_schema()),
             Self::Use(_, graph) => Some(&graph.fields),
             _ => None,
         }

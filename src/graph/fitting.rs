@@ -169,11 +169,8 @@ impl Fitting<'_> {
                 Kind::Map(entries.iter().map(entry).collect())
             }
             Kind::Call { name, body } => {
-                let inside = match name {
-                    Some(name) => expected.and_then(|expected| expected.behind(&name.text)),
-                    None => expected.cloned(),
-                };
-                let inside = inside.as_ref();
+                let behind = name.as_ref().and_then(|name| expected?.behind(&name.text));
+                let inside = if name.is_some() { behind.as_ref() } else { expected };
                 let body = match body {
                     Body::Empty => Body::Empty,
                     Body::Items(items) if name.is_some() => {

@@ -45,10 +45,10 @@ pub(crate) fn first_word(text: &str) -> &str {
 
 /// The first bracket that opens too deep inside of others. One that the wrong bracket closes counts as open, as it may for the
 /// parser, whose own limit does not hold for all that it recurs into.
-fn too_deep(text: &str) -> Option<Span> {
+fn too_deep(mut tokens: impl Iterator<Item = (SyntaxKind, Span)>) -> Option<Span> {
     use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let mut open = Vec::new();
-    raw_tokens(text).find_map(|(kind, at)| {
+    tokens.find_map(|(kind, at)| {
         let opener = match kind {
             LParen | LBracket | LBrace if open.len() == DEEPEST => return Some(at),
             LParen | LBracket | LBrace => {
@@ -67,18 +67,20 @@ fn too_deep(text: &str) -> Option<Span> {
 
 /// The value of a whole text, as far as it can be read, and the mistakes in it.
 pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
-    if let Some(span) = too_deep(text) {
+    let tokens = Vec::from_iter(raw_tokens(text));
+    if let Some(span) = too_deep(tokens.iter().copied()) {
         let message = format!("values are nested more than {DEEPEST} deep here");
         let mistake = Mistake { span, message, help: "no node needs that".into() };
         return (Tree::new(Span::default(), Kind::Broken), vec![mistake]);
     }
     let document = ronin_core::parse(text);
+    let root = document.root();
     let mut mistakes: Vec<Mistake> = document
         .diagnostics()
         .iter()
         .map(|found| explain(text, span(found.range), &found.message))
         .collect();
-    let hyphened = if mistakes.is_empty() { Vec::new() } else { hyphened_fields(text) };
+    let hyphened = if mistakes.is_empty() { Vec::new() } else { hyphened_fields(text, &tokens) };
     for field in hyphened {
         // What the parser finds in the word follows from its hyphens.
         let Span { start, end } = field.span;
@@ -86,20 +88,20 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         mistakes.push(field);
     }
     // A text or a comment without an end has all of the rest in it, and is told as that below.
-    let is_swallowed = is_swallowed(text);
-    let mut unclosed = unclosed(text, &document.root());
+    let is_swallowed = is_swallowed(text, &tokens);
+    let mut unclosed = unclosed(text, &tokens);
     if let Some(unclosed) = &unclosed {
         // Whatever the parser finds behind it follows from it.
         mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
     }
     mistakes.extend(unclosed.take_if(|_| !is_swallowed));
     if mistakes.is_empty() && !is_swallowed {
-        mistakes.extend(wrong_separators(&document.root()));
+        mistakes.extend(wrong_separators(&tokens, &root));
     }
     let is_in_order = mistakes.is_empty();
-    mistakes.extend(strange_spaces(text));
+    mistakes.extend(strange_spaces(text, &tokens));
     let mut reader = TreeReader::default();
-    for node in document.root().children() {
+    for node in root.children() {
         if node.kind() == SyntaxKind::ExtensionAttr && !is_known_extension(&node) {
             let at = span(node.text_range());
             match node.text().starts_with("#![") {
@@ -111,7 +113,7 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
             };
         }
     }
-    let value = document.root().children().find(|node| is_value(node.kind()));
+    let value = root.children().find(|node| is_value(node.kind()));
     let tree = match value {
         Some(node) => reader.value(&node),
         None => {
@@ -156,12 +158,12 @@ fn is_known_extension(node: &SyntaxNode) -> bool {
 
 /// Spaces that are none in RON, and comments without an end. A mark of the byte order at the start, which editors put there, is
 /// no part of the text.
-fn strange_spaces(text: &str) -> Vec<Mistake> {
+fn strange_spaces(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
     let is_space = |c: char| {
         c.is_ascii_whitespace() || "\u{b}\u{85}\u{200e}\u{200f}\u{2028}\u{2029}".contains(c)
     };
     let mut mistakes = Vec::new();
-    for (kind, at) in raw_tokens(text) {
+    for &(kind, at) in tokens {
         let piece = &text[at.start..at.end];
         let (start, message, help) = match kind {
             SyntaxKind::Whitespace => match piece.find(|c| !is_space(c)) {
@@ -182,8 +184,8 @@ fn strange_spaces(text: &str) -> Vec<Mistake> {
 }
 
 /// Whether the last piece of a text is a text or a comment without an end.
-fn is_swallowed(text: &str) -> bool {
-    let Some((kind, at)) = raw_tokens(text).last() else { return false };
+fn is_swallowed(text: &str, tokens: &[(SyntaxKind, Span)]) -> bool {
+    let Some(&(kind, at)) = tokens.last() else { return false };
     let piece = &text[at.start..at.end];
     match kind {
         SyntaxKind::BlockComment => !is_closed(piece),
@@ -231,26 +233,28 @@ pub(crate) enum Token {
 
 /// The pieces of the text in order, none left out.
 pub(crate) fn tokens(text: &str) -> Vec<(Token, Span)> {
-    let part = |(kind, span)| {
+    raw_tokens(text).map(|(kind, span)| (Token::of(kind), span)).collect()
+}
+
+impl Token {
+    pub(super) fn of(kind: SyntaxKind) -> Self {
         use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
-        let part = match kind {
-            SyntaxKind::Whitespace | SyntaxKind::Bom => Token::Space,
-            SyntaxKind::LineComment => Token::LineComment,
-            SyntaxKind::BlockComment => Token::BlockComment,
-            LParen | LBracket | LBrace => Token::Open,
-            RParen | RBracket | RBrace => Token::Close,
-            SyntaxKind::Comma => Token::Comma,
-            SyntaxKind::Colon => Token::Colon,
-            _ => Token::Word,
-        };
-        (part, span)
-    };
-    raw_tokens(text).map(part).collect()
+        match kind {
+            SyntaxKind::Whitespace | SyntaxKind::Bom => Self::Space,
+            SyntaxKind::LineComment => Self::LineComment,
+            SyntaxKind::BlockComment => Self::BlockComment,
+            LParen | LBracket | LBrace => Self::Open,
+            RParen | RBracket | RBrace => Self::Close,
+            SyntaxKind::Comma => Self::Comma,
+            SyntaxKind::Colon => Self::Colon,
+            _ => Self::Word,
+        }
+    }
 }
 
 /// The text as its syntax tree prints it: the same bytes, however broken the text is. What is nested too deep has no tree.
 pub(crate) fn printed(text: &str) -> String {
-    match too_deep(text) {
+    match too_deep(raw_tokens(text)) {
         None => ronin_core::print(&ronin_core::parse(text)),
         Some(_) => text.to_owned(),
     }
@@ -306,16 +310,20 @@ fn missing_comma(text: &str, found: Span) -> Help {
 const ONE_TOO_MANY: &str = "is it one too many?";
 
 /// Commas and colons that are missing or have nothing before or behind them, as far as the parser lets them pass.
-fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
+fn wrong_separators(tokens: &[(SyntaxKind, Span)], root: &SyntaxNode) -> Vec<Mistake> {
     use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
+    let extensions = root.children().filter(|node| node.kind() == SyntaxKind::ExtensionAttr);
+    let extensions = Vec::from_iter(extensions.map(|node| span(node.text_range())));
+    let is_in_extension =
+        |at: Span| extensions.iter().any(|it| it.start <= at.start && at.end <= it.end);
     let mut before = None;
     let mut mistakes = Vec::new();
-    for token in root.descendant_tokens().filter(|token| !token.is_trivia()) {
-        if token.parent().is_some_and(|node| node.kind() == SyntaxKind::ExtensionAttr) {
+    for &(kind, at) in tokens.iter().filter(|(kind, _)| !kind.is_trivia()) {
+        if is_in_extension(at) {
             continue;
         }
         let begins = matches!(before, None | Some(Comma | Colon | LParen | LBracket | LBrace));
-        let mistake = match token.kind() {
+        let mistake = match kind {
             Comma if begins => Some(("there is nothing before this `,`", ONE_TOO_MANY)),
             Colon if begins => Some(("there is nothing before this `:`", ONE_TOO_MANY)),
             RParen | RBracket | RBrace if before == Some(Colon) => {
@@ -326,19 +334,18 @@ fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
             _ if begins => None,
             _ => Some(("something is missing before this", "put a comma or a colon between them")),
         };
-        let at = span(token.text_range());
         mistakes.extend(mistake.map(|(message, help)| Mistake {
             span: at,
             message: message.into(),
             help: if help == ONE_TOO_MANY { Help::edit(help, at, "") } else { help.into() },
         }));
-        before = Some(token.kind());
+        before = Some(kind);
     }
     mistakes
 }
 
 /// The parenthesis, bracket or brace that is not closed, or closed by another one.
-fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
+fn unclosed(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<Mistake> {
     use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let closer = |open| match open {
         LParen => (RParen, ')'),
@@ -346,19 +353,19 @@ fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
         _ => (RBrace, '}'),
     };
     let mut open: Vec<(SyntaxKind, Span)> = Vec::new();
-    for token in root.descendant_tokens() {
-        let (kind, at) = (token.kind(), span(token.text_range()));
+    for &(kind, at) in tokens {
         if matches!(kind, LParen | LBracket | LBrace) {
             open.push((kind, at));
         } else if matches!(kind, RParen | RBracket | RBrace) {
+            let found = &text[at.start..at.end];
             let Some((opener, opened)) = open.pop() else {
-                let message = format!("this `{}` closes nothing", token.text());
+                let message = format!("this `{found}` closes nothing");
                 let help = Help::edit(ONE_TOO_MANY, at, "");
                 return Some(Mistake { span: at, message, help });
             };
             if closer(opener).0 != kind {
                 let Place { line, column } = Place::of(text, at.start);
-                let (found, opener_text) = (token.text(), &text[opened.start..opened.end]);
+                let opener_text = &text[opened.start..opened.end];
                 let message = format!(
                     "this `{opener_text}` is not closed before the `{found}` at {line}:{column}"
                 );

@@ -1,17 +1,17 @@
 //! Fields that are written with hyphens, as the names are that they stand for.
 
-use super::file::{Mistake, Token, tokens};
+use ronin_core::SyntaxKind;
+
+use super::file::{Mistake, Token};
 use super::help::Help;
 use crate::error::Span;
 
 /// Names with hyphens in the place of fields: `eye-step: 3`.
-pub(super) fn hyphened_fields(text: &str) -> Vec<Mistake> {
-    let is_trivia =
-        |token: Token| matches!(token, Token::Space | Token::LineComment | Token::BlockComment);
-    let tokens = tokens(text).into_iter().filter(|(token, _)| !is_trivia(*token));
+pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
     let mut last = None;
     let mut mistakes = Vec::new();
-    for (token, at) in tokens {
+    for &(kind, at) in tokens.iter().filter(|(kind, _)| !kind.is_trivia()) {
+        let token = Token::of(kind);
         let before = last.replace((token, at));
         let (Token::Colon, Some((Token::Word, word))) = (token, before) else { continue };
         let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');

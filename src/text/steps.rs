@@ -21,6 +21,38 @@ pub(crate) fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
     resolved
 }
 
+/// A schema that says the same without words beside references: what both say stands there, so that steps through it copy nothing.
+pub(crate) fn merged(schema: &Json) -> Json {
+    merged_within(schema, schema, &mut Vec::new())
+}
+
+/// `open` are the references that it stands in: what refers to itself is not written out without an end.
+fn merged_within(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
+    let entries = match schema {
+        Json::Object(entries) => entries,
+        Json::Array(items) => {
+            return items.iter().map(|item| merged_within(root, item, open)).collect();
+        }
+        plain => return plain.clone(),
+    };
+    let inside = |(key, value): (&String, &Json), open: &mut Vec<String>| {
+        (key.clone(), merged_within(root, value, open))
+    };
+    let target = schema.get("$ref").and_then(Json::as_str).filter(|_| 1 < entries.len());
+    let Some(target) = target else {
+        return entries.iter().map(|entry| inside(entry, open)).collect();
+    };
+    if open.iter().any(|known| known == target) {
+        return schema.clone();
+    }
+    open.push(target.to_owned());
+    let both = resolve(root, schema);
+    let entries = both.as_object().into_iter().flatten();
+    let merged = entries.map(|entry| inside(entry, open)).collect();
+    open.pop();
+    merged
+}
+
 /// The schema inside an `Option`, if it is one.
 pub(crate) fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
     let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
@@ -100,5 +132,33 @@ mod tests {
         let whole = json!({ "enum": ["Left", "Right"], "default": "Left" });
         assert_eq!(*inside(&told, &root), whole);
         assert_eq!(*inside(&option(&told), &root), whole);
+    }
+
+    #[test]
+    fn a_merged_schema_says_the_same_and_is_lent() {
+        let (told, side) = (
+            json!({ "$ref": "#/$defs/Side", "default": "Left" }),
+            json!({ "enum": ["Left", "Right"] }),
+        );
+        let chain = json!({ "$ref": "#/$defs/Chain", "unit": "mm" });
+        let root = json!({
+            "properties": { "told": told, "several": [{ "anyOf": [told, { "type": "null" }] }], "chain": chain },
+            "$defs": { "Side": side, "Chain": { "properties": { "next": chain, "side": told } } },
+        });
+        let now = merged(&root);
+        for way in [
+            "/properties/told",
+            "/properties/several/0",
+            "/properties/chain/properties/side",
+            "/$defs/Chain/properties/side",
+        ] {
+            let schema = inside(now.pointer(way).expect(way), &now);
+            assert!(matches!(schema, Cow::Borrowed(_)), "{way}");
+            assert_eq!(*schema, json!({ "enum": ["Left", "Right"], "default": "Left" }), "{way}");
+        }
+        // It refers to itself, which is written out once.
+        let next = now.pointer("/properties/chain/properties/next");
+        assert_eq!(next, Some(&chain));
+        assert_eq!(now["properties"]["chain"]["unit"], "mm");
     }
 }
