@@ -22,7 +22,7 @@ mod splice;
 mod structure;
 
 pub(super) use element::written;
-pub(super) use place::{Refusal, field, place};
+pub(super) use place::{Refusal, field, place, unreachable_part};
 #[cfg(feature = "cli")]
 pub(super) use references::Reference;
 pub(super) use references::{Names, References};

@@ -8,6 +8,7 @@ use super::check::Check;
 use super::definition::Used;
 use super::draft::{Draft, What};
 use super::each::Each;
+use super::edit::{Refusal, unreachable_part};
 use super::migrate::{Renewed, kind_of, renewed_put};
 use super::parameters::{Parameters, read_set};
 use super::quality::{has_draft, is_draft, is_side};
@@ -215,7 +216,7 @@ impl Check<'_, '_> {
                 false => renewed_put(&tree, path, &value, self.world.catalog),
             };
             let Some(Renewed { path, value, findings }) = renewed else {
-                set_field(&mut tree, path, &value);
+                self.set(&mut tree, (target, text), path, &value);
                 continue;
             };
             let told = findings.into_iter().map(|finding| {
@@ -224,9 +225,22 @@ impl Check<'_, '_> {
                 Finding { span: Span::default(), message, help: help.into(), ..finding }
             });
             self.findings.extend(told);
-            set_field(&mut tree, &path, &value);
+            self.set(&mut tree, (target, text), &path, &value);
         }
         tree
+    }
+
+    /// Puts a value into a call, or says why there is no such place in it.
+    fn set(&mut self, tree: &mut Tree, (target, text): (&str, &str), path: &str, value: &Tree) {
+        let steps = Vec::from_iter(path.split('.'));
+        if let Some(Refusal { code, message, help, .. }) =
+            unreachable_part(tree, &steps, self.world.options.draft)
+        {
+            let message = format!("--set {target}={text}: {message}");
+            self.find(code, Span::default(), message, help);
+        } else {
+            set_field(tree, path, value);
+        }
     }
 
     /// Values of `--set` that go nowhere.
@@ -281,7 +295,8 @@ pub(super) fn is_own(node: &Tree, subgraphs: &[Used]) -> bool {
     kind_of(node).is_some_and(|kind| subgraphs.iter().any(|own| own.name == kind.text))
 }
 
-/// Puts a value at `field` or `field.field` of a call, or `field.0` of a list; a field that is not there is added.
+/// Puts a value at `field` or `field.field` of a call, or `field.0` of a list, if that is no [`unreachable_part`]; a field that is not there
+/// is added.
 fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     let (name, rest) = match path.split_once('.') {
         Some((name, rest)) => (name, Some(rest)),
@@ -299,13 +314,25 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     if index.is_some() {
         spread_unit(tree);
     }
+    if let Kind::Word(choice) = &mut tree.kind {
+        let name = Some(Name { text: std::mem::take(choice), span });
+        tree.kind = Kind::Call { name, body: Body::Empty };
+    }
     let field = match &mut tree.kind {
+        // `Some(..)` and other choices with one value have the fields of the value.
+        Kind::Call { body: Body::Items(items), .. } if items.len() == 1 && index.is_none() => {
+            return set_field(&mut items[0], path, value);
+        }
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
             match index.and_then(|index| items.get_mut(index)) {
                 Some(item) => item,
                 None => return,
             }
         }
+        Kind::Map(entries) => match entries.iter_mut().find(|(key, _)| key.text() == Some(name)) {
+            Some((_, value)) => value,
+            None => return,
+        },
         Kind::Call { body, .. } => {
             if *body == Body::Empty {
                 *body = Body::Fields(Vec::new());

@@ -61,6 +61,34 @@ fn misspelled_words_are_guessed() {
 }
 
 #[test]
+fn a_set_that_leads_nowhere_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("graph.ron");
+    let text = r#"Graph(format: 1, params: { "v": Vector(default: (0, 0, 1), doc: "") }, nodes: {
+        "doll": ReadMesh(path: "doll.obj"),
+        "turned": Transform(mesh: "doll", translate: (1, 2, 3)),
+        "lifted": Transform(mesh: "turned", translate: Param("v")),
+    }, outputs: { "lifted.ply": "lifted" })"#;
+    std::fs::write(&path, text).unwrap();
+    std::fs::write(folder.path().join("doll.obj"), "").unwrap();
+    let told = |target: &str| {
+        let set = vec![(target.to_owned(), "4".to_owned())];
+        let options = Options { set, ..Options::default() };
+        let checked = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &options);
+        let told = checked.problems.iter().map(|it| format!("{} ({})\n", it.message, it.help));
+        String::from_iter(told)
+    };
+    assert_eq!(told("turned.translate.2"), "");
+    let wrong = ["turned.translate.3", "turned.translate.x", "doll.path.0", "lifted.translate.0"];
+    expect![[r#"
+        --set turned.translate.3=4: there is no item `3` (its items are numbered from 0 to 2)
+        --set turned.translate.x=4: there is no item `x` (its items are numbered from 0 to 2)
+        --set doll.path.0=4: there is no `0` in the text "doll.obj" ()
+        --set lifted.translate.0=4: its value is Param("v"), a parameter of the graph (set the parameter: v=VALUE)
+    "#]].assert_eq(&wrong.map(told).concat());
+}
+
+#[test]
 fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
     check_nodes(
         r#""doll": ReadMesh(path: "doll.obj"),

@@ -258,6 +258,16 @@ pub(in crate::graph) fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Fiel
     tree.fields()?.iter().find(|field| field.name.text == name)
 }
 
+/// Why nothing can be put at a way through a value, if that leads nowhere: past the last item, or into what has no parts. What is missing is no
+/// reason: it can be added.
+pub(in crate::graph) fn unreachable_part(
+    tree: &Tree,
+    path: &[&str],
+    draft: bool,
+) -> Option<Refusal> {
+    find(tree, path, Some(draft)).err()
+}
+
 /// Refuses a place that stands for a parameter, and says which to set instead.
 fn not_computed(tree: &Tree, value: &str) -> Result<(), Refusal> {
     let refuse = |message: String, help: String| {

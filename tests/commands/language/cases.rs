@@ -110,6 +110,7 @@ fn what_a_case_sets_wrongly_is_told_in_the_test() {
         told,
         [
             "error[G013]: input `m`: there is no file `nope.obj` --> doll.test.ron:5:30",
+            "error[G004]: there is no item `7` --> doll.test.ron:4:58",
             "error[G007]: the graph has no parameter `fra` --> doll.test.ron:4:32",
             "error[G004]: PointNet has no field `point` --> doll.test.ron:4:42",
             "error[G004]: the graph has no input `m` --> doll.test.ron:5:25",
@@ -121,6 +122,7 @@ fn what_a_case_sets_wrongly_is_told_in_the_test() {
     assert_eq!(
         told,
         [
+            "error[G004]: there is no item `7` --> doll.test.ron:4:58",
             "error[G007]: the graph has no parameter `fra` --> doll.test.ron:4:32",
             "error[G004]: PointNet has no field `point` --> doll.test.ron:4:42",
             "error[G004]: the graph has no input `m` --> doll.test.ron:5:25",
