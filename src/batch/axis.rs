@@ -102,6 +102,7 @@ pub(super) struct Reader<'a> {
     /// What names the files of the graph, by their names and endings.
     pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,
     pub(super) findings: Vec<Finding>,
+    pub(super) warnings: Vec<Finding>,
 }
 
 impl Reader<'_> {

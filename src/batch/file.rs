@@ -261,9 +261,10 @@ impl Checker<'_> {
             roots: &roots,
             reads: &reads,
             findings: Vec::new(),
+            warnings: Vec::new(),
         };
         let rows = reader.rows(&file.over, over);
-        let mut findings = reader.findings;
+        let (mut findings, warnings) = (reader.findings, reader.warnings);
         findings.truncate(MOST_TOLD);
         let mut known = BTreeSet::new();
         for (name, span) in &rows.names {
@@ -276,6 +277,7 @@ impl Checker<'_> {
         }
         let is_right = findings.is_empty();
         self.problems.extend(findings.into_iter().map(|finding| finding.at(&self.source)));
+        warnings.into_iter().take(MOST_TOLD).for_each(|warning| self.warn(warning));
         is_right.then_some(rows)
     }
 
@@ -302,9 +304,13 @@ impl Checker<'_> {
                 help: "leave it out".into(),
                 note: None,
             };
-            let told = finding.at(&self.source);
-            self.problems.push(Problem { severity: Severity::Warning, ..told });
+            self.warn(finding);
         }
+    }
+
+    fn warn(&mut self, finding: Finding) {
+        let told = finding.at(&self.source);
+        self.problems.push(Problem { severity: Severity::Warning, ..told });
     }
 
     /// The tasks with their names.

@@ -7,7 +7,7 @@ use super::axis::{Reader, Row, Rows, Set};
 use super::pattern::{Found, matches};
 use crate::error::{Span, code};
 use crate::paths::{PathProblem, may_read, path_between};
-use crate::text::{Tree, quoted};
+use crate::text::{Finding, Tree, quoted};
 
 /// `Files(..)` as it is written.
 pub(super) struct Meant<'a> {
@@ -51,8 +51,29 @@ impl Reader<'_> {
             "" => ("file".to_owned(), span),
             name => (name.to_owned(), meant.place("name")),
         };
-        let rows = found.into_iter().map(|found| self.file(found, meant, &own)).collect();
+        let folders = Vec::from_iter(found.iter().map(|found| found.path.clone()));
+        let rows = Vec::from_iter(found.into_iter().map(|found| self.file(found, meant, &own)));
+        if self.findings.is_empty() {
+            self.mixed(&own, &folders, &rows, span);
+        }
         Rows { names: vec![named], rows }
+    }
+
+    /// Warns of folders without a file that others have: with theirs goes that of the graph, which most likely is of another scan.
+    fn mixed(&mut self, own: &[(String, PathBuf)], folders: &[PathBuf], rows: &[Row], at: Span) {
+        for (target, read) in own {
+            let has = |row: &Row| row.set.iter().any(|set| set.target == *target);
+            let without = folders.iter().zip(rows).filter(|(_, row)| !has(row));
+            let without = without.filter(|(folder, _)| folder.is_dir() && rows.iter().any(has));
+            for (folder, _) in without {
+                let file = read.file_name().unwrap_or_default().display();
+                let [folder, read] = [folder, read].map(|path| path_between(self.folder, path));
+                let message = format!("`{folder}` has no `{file}`: its task takes `{read}`");
+                let help = "put it there, or say which files a task has: `set`, `beside`".into();
+                let code = code::MISSING_FILE;
+                self.warnings.push(Finding { code, span: at, message, help, note: None });
+            }
+        }
     }
 
     /// A file, or a folder of files; `own` are those that the graph reads, by what names them.

@@ -434,6 +434,15 @@ fn a_graph_and_options_stand_for_a_sweep() {
         ["a_5", "a_mm-12", "b_5", "b_mm-12"]
     );
     assert_eq!(document["sheet"], "out/doll.sweep/index.html");
+    // A scan without a file that others have is not taken with that of another one in silence.
+    let color = project.folder().join("scans/b/color.png");
+    fs::remove_file(&color).unwrap();
+    let output = project.maquette(&words);
+    let document: Json = serde_json::from_slice(&output.stdout).unwrap();
+    let told = document["problems"].as_array().unwrap().iter().map(|it| &it["message"]);
+    let lacks = "`scans/b` has no `color.png`: its task takes `doll/color.png`";
+    assert_eq!(Vec::from_iter(told), [lacks]);
+    fs::copy(project.folder().join("scans/a/color.png"), &color).unwrap();
     // The files that the graph names itself need not be there.
     fs::remove_dir_all(project.folder().join("doll")).unwrap();
     assert!(project.maquette(&[&words[..], &["--out", "other"]].concat()).status.success());
