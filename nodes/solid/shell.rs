@@ -77,9 +77,9 @@ pub enum ShellError {
         /// How many edges.
         count: usize,
     },
-    /// A surface without an inside.
+    /// A closed surface whose faces look inward, or one that is as good as closed.
     #[error(
-        "behind the surface there is no inside: `Orient` turns its faces, and `side: Middle` needs none"
+        "behind the surface there is no inside: `Orient` turns its faces outward, and `side: Middle` needs no inside"
     )]
     InsideOut,
     /// A shell without a face.
@@ -189,24 +189,39 @@ pub fn shell(
         return Ok((around(mesh, thickness / 2.0, progress)?, 0));
     }
     let mesh = &something(mesh.clone())?;
-    let turned;
-    let mesh = if side == Side::Outside {
-        turned = orient(mesh, Outside::Flip)?.mesh;
-        &turned
-    } else {
-        mesh
-    };
-    let body = progress.part(0.0..0.2, |progress| body(mesh, BEHIND * thickness, progress))?;
+    let behind = BEHIND * thickness;
+    let (body, is_outside) = progress.part(0.0..0.2, |progress| match side {
+        Side::Outside => body_in_front(mesh, behind, progress),
+        _ => Ok((body(mesh, behind, progress)?, false)),
+    })?;
     let around = progress.part(0.2..0.6, |progress| around(mesh, thickness, progress))?;
-    let shell = progress
-        .part(0.6..0.9, |progress| boolean(&body, &[&around], Operation::Intersection, progress))?;
+    let shell = progress.part(0.6..0.9, |progress| match is_outside {
+        true => boolean(&around, &[&body], Operation::Difference, progress),
+        false => boolean(&body, &[&around], Operation::Intersection, progress),
+    })?;
     let shell = something(shell)?;
     let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
     Ok((shell, thin))
 }
 
+/// The body in front of the surface; or that behind it, and that the shell is outside of it, for a surface around which nothing is closed.
+fn body_in_front(
+    mesh: &Mesh,
+    behind: f64,
+    progress: &Progress<'_>,
+) -> Result<(Mesh, bool), ShellError> {
+    if !border(mesh).is_empty() {
+        match body(&orient(mesh, Outside::Flip)?.mesh, behind, progress) {
+            Err(ShellError::InsideOut) => {}
+            found => return Ok((found?, false)),
+        }
+    }
+    // Walls behind its borders would become plugs of what lies in front of them.
+    Ok((body(mesh, 0.0, progress)?, true))
+}
+
 /// A body whose skin the surface is a part of: with flat lids on its borders, or, where these run through it, with borders that are filled as holes are, or with walls to
-/// a flat base.
+/// a flat base. Walls are no lower than `behind`, and there are none if that is 0.
 fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, ShellError> {
     let wrong = |body: &Mesh| -> Result<Option<ShellError>, ShellError> {
         let found = body.crossings(|| progress.check())?;
@@ -246,6 +261,7 @@ fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshErr
     let sides: BTreeMap<[u32; 2], _> = sides.map(|([a, b], own)| ([b, a], own)).collect();
     let mut grown = Grown::new(mesh);
     let rims = loops(&Vec::from_iter(sides.keys().copied()));
+    let rims = Vec::from_iter(rims.iter().flat_map(|rim| apart(rim)));
     let count = rims.len();
     for rim in rims {
         let next = rim[1..].iter().chain(&rim[..1]);
@@ -260,7 +276,7 @@ fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshErr
         });
         let out = out.sum::<Vector3<f64>>() / own.len() as f64;
         let lid = lid.try_normalize(0.0).or(out.try_normalize(0.0)).unwrap_or_default();
-        let has_walls = FLAT < lid.dot(&out).abs();
+        let has_walls = 0.0 < behind && FLAT < lid.dot(&out).abs();
         let way = if has_walls { -out.normalize() * behind } else { Vector3::zeros() };
         // The foot of each vertex, its place, and what it is like.
         let mut feet = BTreeMap::new();
@@ -287,6 +303,25 @@ fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshErr
         }
     }
     Ok((grown.mesh()?, count))
+}
+
+/// The loops of which a loop consists that meets itself in vertices: where holes touch.
+fn apart(rim: &[u32]) -> Vec<Vec<u32>> {
+    let (mut loops, mut own) = (Vec::new(), Vec::new());
+    let mut places = BTreeMap::new();
+    for &vertex in rim {
+        if let Some(&start) = places.get(&vertex) {
+            let inner: Vec<u32> = own.split_off(start);
+            for vertex in &inner {
+                places.remove(vertex);
+            }
+            loops.push(inner);
+        }
+        places.insert(vertex, own.len());
+        own.push(vertex);
+    }
+    loops.push(own);
+    loops
 }
 
 #[cfg(test)]
@@ -375,6 +410,44 @@ mod tests {
         let hollow = made(&block, 1.0, Side::Inside, 0.0);
         let inner = 1680.0 - volume(&hollow);
         assert!((inner - 7.88 * 9.88 * 11.88).abs() < 0.03 * inner, "{inner}");
+    }
+
+    #[test]
+    fn a_closed_mesh_gets_a_skin_around_it() {
+        let block = crate::thicken::tests::cuboid([10.0, 12.0, 14.0], 2);
+        let outside = made(&block, 1.0, Side::Outside, 0.0);
+        let (low, high) = outside.bounds().unwrap();
+        let size = high - low;
+        for (size, own) in size.iter().zip([10.0, 12.0, 14.0]) {
+            assert!((size - own - 2.12).abs() < 0.02, "{size} around {own}");
+        }
+        // It has the block itself as its cavity, and rounded edges: less than the box around it.
+        let hollow = volume(&outside);
+        let most = 12.12 * 14.12 * 16.12 - 1680.0;
+        assert!((0.95 * most..most).contains(&hollow), "{hollow} of {most}");
+        // As a block with a hole in it, of which flat lids make no body that lies outside.
+        let faces = (0..block.faces().len() as u32).filter(|face| *face != 0);
+        let open = made(&block.select(&Vec::from_iter(faces)), 1.0, Side::Outside, 0.05);
+        assert!((volume(&open) - hollow).abs() < 0.03 * hollow, "{}", volume(&open));
+        // Nothing of it reaches into the block.
+        let is_inside = |at: &Point3<f64>| {
+            let mut sides = at.coords.iter().zip([10.0, 12.0, 14.0]);
+            sides.all(|(x, own)| 0.01 < *x && *x < own - 0.01)
+        };
+        assert!(!open.positions().iter().any(is_inside));
+    }
+
+    #[test]
+    fn holes_may_touch() {
+        let ball = crate::thicken::tests::cuboid([10.0; 3], 3);
+        // Two faces that share a vertex and no edge.
+        let faces = ball.faces();
+        let shared = |a: &[u32], b: &[u32]| a.iter().filter(|vertex| b.contains(vertex)).count();
+        let other = (1..faces.len()).find(|&face| shared(faces.face(0), faces.face(face)) == 1);
+        let kept = (1..faces.len()).filter(|face| Some(*face) != other);
+        let pinched = ball.select(&Vec::from_iter(kept.map(|face| face as u32)));
+        made(&pinched, 0.5, Side::Inside, 0.1);
+        assert_eq!(apart(&[1, 2, 3, 4, 2, 5]), [vec![2, 3, 4], vec![1, 2, 5]]);
     }
 
     #[test]
