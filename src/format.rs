@@ -207,7 +207,9 @@ fn coarse_within(low: Point3<f64>, high: Point3<f64>) -> Option<String> {
     let size = (high - low).norm();
     let far = low.coords.amax().max(high.coords.amax());
     let step = far * f64::from(f32::EPSILON);
-    (0.0 < size && COARSEST * size < step).then(|| {
+    // What is a point but for rounding has nothing to lose.
+    let is_point = size <= 8.0 * far * f64::EPSILON;
+    (!is_point && COARSEST * size < step).then(|| {
         format!(
             "coordinates in such a file are single, and {far:.0} mm from the origin they go by steps of {step:.2} mm, while all is \
              {size:.0} mm large: move it nearer (`Transform`) before it is written"

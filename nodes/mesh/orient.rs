@@ -74,10 +74,11 @@ impl Node for Orient {
         }
         let Oriented { mesh, undecided, crowded } = orient(mesh, self.outside)?;
         if undecided > 0 {
-            let parts = if undecided == 1 { "part is" } else { "parts are" };
-            cx.warn(format!(
-                "{undecided} {parts} flat or bulge to neither side, and stay as they are: `outside: Sensor` or `Flip` may help"
-            ));
+            let parts = match undecided {
+                1 => "part is flat or bulges to neither side, and stays as it is",
+                _ => "parts are flat or bulge to neither side, and stay as they are",
+            };
+            cx.warn(format!("{undecided} {parts}: `outside: Sensor` or `Flip` may help"));
         }
         if let Some((count, [a, b])) = crowded {
             let edges = if count == 1 { "edge has" } else { "edges have" };
