@@ -61,10 +61,25 @@ FAULTS = [
          "let same = last.shape == graph.shape.identity;",
          "let same = last.names.len() == graph.nodes.len();"),
     ]),
+    ("whether a node is the same as the one that was at its place", [
+        ("src/eval/snapshot.rs",
+         "self.current(index).filter(|_| *identity == graph.shape.identities[index])",
+         "self.current(index).filter(|_| identity.0.len() == graph.shape.identity.0.len())"),
+    ]),
+    ("whether all that it hangs on is the same, where a node is", [
+        ("src/eval/plan.rs",
+         "shape.sources(index).all(|source| same[source])",
+         "shape.sources(index).all(|source| same[source] || true)"),
+    ]),
+    ("the files of a node that is the same", [
+        ("src/eval/plan.rs",
+         "!shape.reads_files(index) || self.has_files(",
+         "!shape.reads_files(index) || true || self.has_files("),
+    ]),
     ("which results are of this evaluation", [
         ("src/eval/plan.rs",
-         "let found = results.iter().map(Option::is_some).collect();",
-         "let found = results.iter().map(|_| true).collect();"),
+         "Vec::from_iter(results.iter().map(Option::is_some));",
+         "Vec::from_iter(results.iter().map(|_| true));"),
     ]),
     ("the last results of nodes that nobody wants now", [
         ("src/eval/plan.rs",
@@ -107,19 +122,22 @@ FAULTS = [
          "file.map_or([0; 32], |_| [0; 32])"),
     ]),
     ("the parameters in a result's key", [
-        ("src/eval/key.rs",
+        ("src/graph/recipe.rs",
          "let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);",
          "let content = json!([kind, Vec::from_iter(optional)]);"),
     ]),
     ("the clock's grain: a file is believed however new it is", [
-        ("src/eval/files.rs",
+        ("src/stamp.rs",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit)",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit.max(i128::MAX))"),
     ]),
     ("a file's time", [
-        ("src/eval/files.rs",
+        ("src/files.rs",
          "stamp == self.stamp && ",
-         "stamp.size == self.stamp.size && "),
+         "stamp.size() == self.stamp.size() && "),
+        ("src/stamp.rs",
+         "    /// Whether a write after this moment",
+         "    pub(crate) fn size(&self) -> u64 {\n        self.size\n    }\n\n    /// Whether a write after this moment"),
     ]),
     ("whether a node had the same parameters when it gave what is updated", [
         ("src/eval/compute.rs",

@@ -11,7 +11,7 @@ MUTATIONS = [
     ("nodes/image/segment/otsu.rs", "moment_below += count * level;", "moment_below += count * (level + 1);", "off by one"),
     ("nodes/image/filter/gaussian.rs", "const REACH: f64 = 4.0;", "const REACH: f64 = 3.0;", "default"),
     ("nodes/image/filter/gaussian.rs", "libm::exp(-0.5 * (k * k) as f64", "libm::exp(-0.6 * (k * k) as f64", "weight"),
-    ("nodes/image/filter/hysteresis.rs", "row[k] | row[k] << 1 | row[k] >> 1 | before | after", "row[k] | row[k] << 1 | row[k] >> 1 | before & after", "dropped"),
+    ("nodes/image/filter/hysteresis.rs", "word >> 1 | before | after << (WORD - 1)", "word >> 1 | before & after << (WORD - 1)", "dropped"),
     ("nodes/image/filter/hysteresis.rs", "let at_border = |row: usize| [0, STRIP_ROWS - 1]", "let at_border = |row: usize| [1, STRIP_ROWS - 1]", "off by one"),
     ("nodes/image/fill_contour.rs", "label(&make(outside.collect()), Connectivity::Four)", "label(&make(outside.collect()), Connectivity::Eight)", "swapped"),
     ("nodes/image/thin.rs", "_ => has_all(north | east | west) ||", "_ => has_all(north | east | south) ||", "swapped"),
@@ -58,7 +58,7 @@ MUTATIONS = [
     # Meshes
     ("nodes/mesh/merge.rs", "shift: Vector3::new(pose[(0, 3)], pose[(1, 3)], pose[(2, 3)])", "shift: Vector3::new(pose[(3, 0)], pose[(3, 1)], pose[(3, 2)])", "swapped"),
     ("nodes/mesh/merge.rs", "Attribute::Flag(_) => join!(Flag, Some(0)),", "Attribute::Flag(_) => join!(Flag, None::<u8>),", "dropped"),
-    ("nodes/mesh/moved_mesh.rs", "places.extend((first + 1..first + face.len() as u32).rev());", "places.extend(first + 1..first + face.len() as u32);", "dropped"),
+    ("nodes/mesh/turned_faces.rs", "places.extend(others.rev());", "places.extend(others);", "dropped"),
     ("nodes/mesh/texture.rs", "let [s, t] = [0, 1].map(|k| (camera.center[k] + 0.5) / size[k]);", "let [s, t] = [0, 1].map(|k| camera.center[k] / size[k]);", "off by one"),
     # Values
     ("src/value/knots/generate.rs", "(at(index - 1.0) + at(index)) / 2.0", "at(index)", "formula"),
