@@ -63,9 +63,11 @@ impl Reader<'_> {
     fn mixed(&mut self, own: &[(String, PathBuf)], folders: &[PathBuf], rows: &[Row], at: Span) {
         for (target, read) in own {
             let has = |row: &Row| row.set.iter().any(|set| set.target == *target);
+            if !rows.iter().any(has) {
+                continue;
+            }
             let without = folders.iter().zip(rows).filter(|(_, row)| !has(row));
-            let without = without.filter(|(folder, _)| folder.is_dir() && rows.iter().any(has));
-            for (folder, _) in without {
+            for (folder, _) in without.filter(|(folder, _)| folder.is_dir()) {
                 let file = read.file_name().unwrap_or_default().display();
                 let [folder, read] = [folder, read].map(|path| path_between(self.folder, path));
                 let message = format!("`{folder}` has no `{file}`: its task takes `{read}`");
