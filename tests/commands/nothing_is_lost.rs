@@ -235,7 +235,12 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     for file in ["mug.ron", "mug.test.ron", "part.graph", "color.png", "mug.obj", "maquette.toml"] {
         refused(&["test", "--report", file]);
         refused(&["test", "--junit", file]);
+        // A folder that is not there yet leads to the same place.
+        refused(&["test", "--report", &format!("new/../{file}")]);
     }
+    refused(&["inspect", "mug.ron", "mug", "--out", "new/../mug.obj"]);
+    refused(&["inspect", "mug.ron", "mug", "--csv", "new/../mug.ron"]);
+    refused(&["render", "mug.ron", "mug", "new/../color.png"]);
     fs::rename(project.path("mug.ron"), project.path("mug.svg")).unwrap();
     fs::write(project.path("mug.trace.json"), "mine").unwrap();
     let before = project.everything("");
