@@ -16,14 +16,17 @@ const GRAPH: &str = r#"Graph(
 /// A folder with a graph, its test and its goldens, all committed.
 fn blessed() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    std::fs::write(path.join("net.ron"), GRAPH).unwrap();
+    bless(folder.path(), GRAPH);
+    folder
+}
+
+fn bless(path: &Path, graph: &str) {
+    std::fs::write(path.join("net.ron"), graph).unwrap();
     std::fs::write(path.join("net.test.ron"), "Test(graph: \"net.ron\")").unwrap();
     std::fs::write(path.join(".gitignore"), "cache\n").unwrap();
     git(path, &["init", "--quiet"]);
     assert!(maquette(path, &["--bless"], "", None).status.success());
     commit(path);
-    folder
 }
 
 fn git(folder: &Path, arguments: &[&str]) {
@@ -268,4 +271,29 @@ fn a_surface_of_other_faces_passes_by_its_distance_and_what_was_sampled_says_so(
     subdivided(path, 2, "max: 0.05, keep: Sampled(every: 4)");
     let output = maquette(path, &[], "", None);
     assert!(said(&output).contains("does not keep what the test file says"), "{}", said(&output));
+}
+
+#[test]
+fn goldens_of_nodes_that_fail_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let mesh = |last: &str| {
+        let mesh = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 {last}\n");
+        std::fs::write(path.join("mesh.obj"), mesh).unwrap();
+    };
+    mesh("3");
+    let graph = r#"Graph(format: 1, nodes: { "m": ReadMesh(path: "mesh.obj"), "b": Primitive(shape: Sphere(radius: 1.0)) },
+        outputs: { "m.ply": "m", "b.ply": "b" })"#;
+    bless(path, graph);
+    let before = golden(path, "m.txt");
+    mesh("9");
+    for arguments in [&["--bless"][..], &[]] {
+        let output = maquette(path, arguments, "", None);
+        let text = said(&output);
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        assert!(text.contains("mesh.obj: line 4"), "{text}");
+        assert!(!text.contains("belongs to no output"), "{text}");
+        assert_eq!(golden(path, "m.txt"), before);
+        assert!(path.join("goldens/net/default/m.bin").exists());
+    }
 }
