@@ -25,7 +25,8 @@ impl Check<'_, '_> {
     ) -> (Vec<GraphOutput>, Vec<GraphOutput>) {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
         let mut undecided = Vec::new();
-        let mut taken = HashSet::new();
+        // As paths: `a/./b.ply` is `a//b.ply`.
+        let mut taken: HashSet<&Path> = HashSet::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
                 let message = format!("the name of an output is a text, not {}", key.in_words());
@@ -42,7 +43,7 @@ impl Check<'_, '_> {
                 );
                 continue;
             }
-            if taken.contains(name) {
+            if taken.contains(Path::new(name)) {
                 self.find(
                     code::BAD_NAME,
                     key.span,
@@ -63,7 +64,7 @@ impl Check<'_, '_> {
                 self.no_format(name, &ending, kind, key.span);
                 continue;
             };
-            taken.insert(name);
+            taken.insert(Path::new(name));
             let (source, span) = self.sheet.place(key.span);
             let list = if kind.is_some() { &mut outputs } else { &mut undecided };
             let (name, lineage) = (name.to_owned(), Arc::default());

@@ -144,6 +144,18 @@ fn files_stay_in_the_project_and_outputs_in_their_folder() {
 }
 
 #[test]
+fn two_outputs_are_no_one_file() {
+    check_nodes(
+        r#""a": ReadMesh(path: "doll.obj"),"#,
+        r#""m/a.ply": "a", "m/./a.ply": "a", "m//a.ply": "a""#,
+        expect![[r#"
+            4:17-28 G006 there is already an output `m/./a.ply`
+            4:35-45 G006 there is already an output `m//a.ply`
+        "#]],
+    );
+}
+
+#[test]
 fn parameters_and_expressions_are_checked() {
     check(
         r#"Graph(
