@@ -72,6 +72,14 @@ pub enum PlyError {
         /// Its end.
         at: At,
     },
+    /// A row that ends within a line.
+    #[error("{at}: more stands here than a row of `{name}` has, or less in the line before")]
+    Row {
+        /// Where it ends.
+        at: At,
+        /// The element.
+        name: String,
+    },
     /// A word that is no number.
     #[error("{at}: `{text}` is not a number")]
     Number {
@@ -206,6 +214,7 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
                 None => drop(body.number(property.scalar)?),
             }
         }
+        body.end_row(element)?;
     }
     Ok(())
 }
@@ -384,6 +393,7 @@ fn read_numbers(
                 None => bytes.extend(body.number(property.scalar)?.to_le_bytes()),
             }
         }
+        body.end_row(element)?;
     }
     Ok(bytes)
 }
@@ -435,6 +445,33 @@ mod tests {
         assert_eq!(vertex.get("weight"), Some(&weights));
         assert_eq!(vertex.get("step"), Some(&Attribute::Number(vec![-4.0; 4].into())));
         assert_eq!(vertex.iter().count(), 6);
+    }
+
+    #[test]
+    fn a_line_with_a_number_too_few_or_too_many_shifts_nothing() {
+        let file = |rows: &str| {
+            let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+            read(format!("{header}{rows}").as_bytes())
+        };
+        // Spaces, any ends of lines, and rows of several lines are no mistake.
+        for fine in [
+            "0 0 0\n1 0 0 \t\n0 1 0\n3 0 1 2",
+            "0 0 0\r\n1 0 0\r\n\r\n0 1 0\r\n3 0 1 2\r\n",
+            "0 0 0\r1 0 0\r0 1 0\r3 0 1 2\r",
+            "0 0\n0\n1 0\n0\n0 1\n0\n3\n0 1 2\n",
+        ] {
+            let places = file(fine).unwrap().positions().to_vec();
+            assert_eq!(places[2], Point3::new(0.0, 1.0, 0.0), "{fine:?}");
+        }
+        for (wrong, name, line) in [
+            ("0 0 0\n1 0\n0 1 0\n3 0 1 2\n9 9\n", "vertex", 12),
+            ("0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "vertex", 11),
+            ("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255\n", "face", 13),
+        ] {
+            let row = PlyError::Row { at: At::Line(line), name: name.into() };
+            assert_eq!(file(wrong).unwrap_err(), row, "{wrong:?}");
+        }
     }
 
     #[test]

@@ -122,6 +122,17 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
+    /// Ends a row: in a text the line ends with it, so that a number too few or too many does not shift all that follows.
+    pub(super) fn end_row(&self, element: &Element) -> Result<(), PlyError> {
+        let mut rest = self.bytes[self.next..].iter();
+        let behind = rest.find(|byte| !matches!(byte, b' ' | b'\t'));
+        let is_end = matches!(behind, None | Some(b'\n' | b'\r'));
+        if is_end || self.encoding != Encoding::Ascii {
+            return Ok(());
+        }
+        Err(PlyError::Row { at: self.at(), name: element.name.clone() })
+    }
+
     fn take(&mut self, size: usize) -> Result<&'a [u8], PlyError> {
         let taken = self.bytes[self.next..].get(..size);
         let taken = taken.ok_or(PlyError::Ends { at: At::Byte(self.bytes.len()) })?;

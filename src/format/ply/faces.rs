@@ -49,6 +49,7 @@ impl FaceTable {
                     }
                 }
             }
+            body.end_row(element)?;
             match table.list.push(&corners) {
                 true => count += 1,
                 false => numbers.truncate(before),

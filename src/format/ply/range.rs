@@ -82,6 +82,7 @@ fn read_cells(
                 (None, _) => drop(body.number(*scalar)?),
             }
         }
+        body.end_row(element)?;
         cells.push(cell);
     }
     Ok(([columns, rows], cells))
