@@ -12,7 +12,7 @@ use serde_json::json;
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
-    /// The file that it is about, if a node reads several.
+    /// The file that it is about.
     file: Option<Arc<str>>,
 }
 

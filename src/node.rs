@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::error::{Cancelled, Error};
 use crate::limit::Estimate;
 use crate::plain::{ending, without_mark};
-use crate::reading::{Readers, Reading};
+use crate::reading::{NoReader, Readers, Reading};
 use crate::text::{FILE, LINK};
 use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 
@@ -378,7 +378,7 @@ impl File {
         found.unwrap_or_else(|| Err(format!("{} does not name `{name}`", self.name)))
     }
 
-    /// What `read` makes of its content; an error names the file, for nodes that read several.
+    /// What `read` makes of its content; an error names the file, which may be given from outside of the graph.
     ///
     /// # Errors
     /// Those of `read`.
@@ -509,7 +509,12 @@ impl Context<'_> {
         let file = self.file(path)?;
         let beside = |name: &str| file.companion(name);
         let reading = Reading::new(file.name(), file.bytes(), &beside);
-        let value = self.readers.read(value_type::<T>(), &reading)?;
+        // Where nothing reads such files, the error names the ending.
+        let named = |error: Error| match error.downcast::<NoReader>() {
+            Some(_) => error,
+            None => error.in_file(file.name()),
+        };
+        let value = self.readers.read(value_type::<T>(), &reading).map_err(named)?;
         reading.doubts().into_iter().for_each(|doubt| self.warn(doubt));
         match value.get::<T>() {
             Some(value) => Ok(value.clone()),
