@@ -12,7 +12,8 @@ use crate::operation::Operation;
 ///
 /// Faces away from where skins meet stay as they are, polygons too; those that are cut become triangles. The result is closed and manifold,
 /// also where walls lie in one plane. What lies on one of the solids alone, such as its picture, lies on the other as at the nearest
-/// place; it is mixed where edges are cut. Of two pictures vertex colors are made, as by `Merge`, and normals are dropped.
+/// place; it is mixed where edges are cut. Of two pictures vertex colors are made, as by `Merge`, and normals are dropped. A solid of no
+/// capture, such as a `Primitive`, is taken as it lies: the result is seen by the camera of `mesh`, and has its axes.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Boolean {
     /// The solid.
@@ -60,6 +61,9 @@ impl Node for Boolean {
         let others = Vec::from_iter(self.with.iter().map(|mesh| cx.get(mesh)));
         let mesh = cx.get(&self.mesh);
         doubt(&[&[mesh], &others[..]].concat()).into_iter().for_each(|doubt| cx.warn(doubt));
+        if mesh.frame().is_none() && others.iter().any(|other| other.frame().is_some()) {
+            cx.warn("`mesh` has y up, and some of `with` have y down, as captures do");
+        }
         let made = boolean(mesh, &others, self.operation, cx.progress())?;
         if made.faces().is_empty() {
             cx.warn("nothing is left: the mesh is empty");

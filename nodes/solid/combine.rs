@@ -100,7 +100,10 @@ pub fn boolean(
             NoSolid::Cancelled(why) => why.into(),
         })?;
     }
-    Ok(made)
+    // A solid of no capture stands among captured ones as they lie.
+    let frames = others.iter().filter_map(|other| other.frame());
+    let same_axes = frames.into_iter().all(|frame| Some(frame) == mesh.frame());
+    Ok(if same_axes { made.with_frame(mesh.frame().copied()) } else { made })
 }
 
 /// The mesh `to` with what lies on `from` and not on itself.

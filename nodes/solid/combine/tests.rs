@@ -1,6 +1,6 @@
 //! What solids make of each other.
 
-use maquette::value::{Attribute, Faces};
+use maquette::value::{Attribute, CaptureFrame, Faces};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::*;
@@ -319,4 +319,19 @@ fn the_same_for_any_number_of_threads() {
         pool.install(|| made(&first, &second, Operation::Difference).1)
     };
     assert_eq!(of(1), of(8));
+}
+
+#[test]
+fn a_captured_solid_stays_upright_beside_one_of_no_capture() {
+    let frame =
+        CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
+    let (first, second) = (cube([0.0; 3]), cube([5.0; 3]));
+    let captured = |mesh: &Mesh| mesh.clone().with_frame(Some(frame));
+    let frame_of = |mesh: &Mesh, other: &Mesh| {
+        let made = boolean(mesh, &[other], Operation::Difference, &Progress::none()).unwrap();
+        made.frame().copied()
+    };
+    assert_eq!(frame_of(&captured(&first), &second), Some(frame));
+    assert_eq!(frame_of(&captured(&first), &captured(&second)), Some(frame));
+    assert_eq!(frame_of(&first, &captured(&second)), None);
 }
