@@ -21,8 +21,9 @@ use super::poses::Poses;
 /// Meshes of captures are brought together by the poses of their cameras, if these are known: the result then has the axes of
 /// the world, with y up. Attributes that all meshes have are kept; a flag, such as `filled`, that some do not have counts as not
 /// set there, and other attributes that some do not have, or have as another type, are left out. A picture is kept if it is
-/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out. No meshes, as a
-/// `ForEach` over data without elements gives, make an empty mesh, with a warning.
+/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out; these colors are
+/// kept if all meshes have a picture or colors. No meshes, as a `ForEach` over data without elements gives, make an empty mesh, with
+/// a warning.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Merge {
     /// The meshes, in the order in which their vertices follow.
@@ -87,9 +88,18 @@ impl Merge {
             cx.warn("some meshes have y down, as captures do, and others y up");
         }
         if !same_picture(meshes) {
-            cx.warn("not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie");
+            cx.warn(match meshes.iter().all(|mesh| is_colored(mesh)) {
+                true => "not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie",
+                false => "some meshes have a picture and others neither picture nor colors, so that no mesh keeps its own",
+            });
         }
     }
+}
+
+/// Whether something gives its vertices colors, if it has any.
+fn is_colored(mesh: &Mesh) -> bool {
+    let is_empty = mesh.positions().is_empty();
+    is_empty || mesh.texture().is_some() || mesh.vertex().colors("color").is_some()
 }
 
 /// Bytes of a merged mesh; while it is made there may be three times as many.
@@ -294,6 +304,16 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+
+    #[test]
+    fn a_picture_or_colors_color_a_mesh_and_so_does_having_no_vertex() {
+        let (bare, picture) = (square(0.0, true), Image::new(1, 1, vec![[9; 3]]).unwrap());
+        let colors = Attribute::Color(vec![[9; 3]; 4].into());
+        assert!(!is_colored(&bare));
+        assert!(is_colored(&bare.clone().with_texture(Some(picture))));
+        assert!(is_colored(&bare.with_vertex("color", colors).unwrap()));
+        assert!(is_colored(&Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap()));
+    }
 
     /// A square of one quad (or two triangles) in the plane z = 0, its lower left corner at x.
     fn square(x: f64, triangles: bool) -> Mesh {
