@@ -30,6 +30,8 @@ pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
 
 /// The Gaussian's height at the distances 0, 1, ... up to its reach, or to the picture's size.
 fn weights(sigma: f64, size: usize) -> Vec<f32> {
+    // The square of less than that is zero.
+    let sigma = sigma.max(1e-100);
     let count = (REACH * sigma).ceil() as usize;
     let weight = |k: usize| libm::exp(-0.5 * (k * k) as f64 / (sigma * sigma)) as f32;
     (0..=count.min(size)).map(weight).collect()
@@ -121,6 +123,14 @@ mod tests {
     fn what_is_flat_stays_exactly_flat() {
         let levels = vec![0.1; 13 * 5];
         assert_eq!(blur(Levels::Plane(&levels, 13), 2.5), levels);
+    }
+
+    #[test]
+    fn a_deviation_whose_square_is_nothing_changes_nothing() {
+        let levels = Vec::from_iter((0..12).map(|k| (k * k) as f32));
+        for sigma in [1e-155, 1e-200, f64::from_bits(1)] {
+            assert_eq!(blur(Levels::Plane(&levels, 4), sigma), levels);
+        }
     }
 
     #[test]
