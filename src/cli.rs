@@ -379,6 +379,11 @@ fn put_problems(document: &mut serde_json::Value, problems: &[Problem]) {
     }
 }
 
+/// How wide a column of names is, of these lengths. Very long ones stand out of it.
+fn column_width(lengths: impl Iterator<Item = usize>) -> usize {
+    lengths.max().unwrap_or(0).min(200)
+}
+
 /// `4.1 MB`.
 fn in_bytes(bytes: usize) -> String {
     match bytes {

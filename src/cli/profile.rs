@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::in_bytes;
+use super::{column_width, in_bytes};
 use crate::eval::{Exchange, RunTrace};
 use crate::session::Written;
 use crate::writing::{Destination, Refused};
@@ -50,8 +50,7 @@ pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> Strin
     let mut rows = Vec::from_iter(nodes.chain(reading).chain(outputs));
     rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
     let total: f64 = rows.iter().map(|row| row.seconds).sum();
-    let width =
-        |cell: fn(&Row<'_>) -> usize| rows.iter().map(cell).max().unwrap_or(0).max("node".len());
+    let width = |cell: fn(&Row<'_>) -> usize| column_width(rows.iter().map(cell)).max("node".len());
     let (names, kinds) = (width(|row| row.name.len()), width(|row| row.kind.len()));
     let mut text = format!(
         "{:<names$}  {:<kinds$}  {:<9}  {:>10}  {:>6}  {:>10}  thread\n",

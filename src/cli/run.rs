@@ -15,8 +15,8 @@ use super::profile;
 use super::progress::Progress;
 use super::replay::ProvenanceOptions;
 use super::{
-    Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, put_problems,
-    report,
+    Exit, GraphOptions, column_width, counted, eprint, in_bytes, interrupt, print, print_json,
+    put_problems, report,
 };
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
@@ -176,7 +176,7 @@ impl Run {
             return;
         }
         let mut text = String::new();
-        let longest = traces.iter().map(|node| node.name.len()).max().unwrap_or(0);
+        let longest = column_width(traces.iter().map(|node| node.name.len()));
         for node in traces {
             let time = match node.state {
                 State::Computed => format!("{:8.1} ms", node.seconds * 1e3),
@@ -209,7 +209,7 @@ impl Run {
 /// What each node would do, and why.
 fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
     let name = |forecast: &Forecast| &graph.nodes[forecast.index].name;
-    let longest = forecasts.iter().map(|forecast| name(forecast).len()).max().unwrap_or(0);
+    let longest = column_width(forecasts.iter().map(|forecast| name(forecast).len()));
     let mut text = String::new();
     for forecast in forecasts {
         let (word, reason) = (forecast.word(), forecast.reason_in(graph));

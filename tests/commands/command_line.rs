@@ -584,3 +584,19 @@ fn what_a_graph_expects_is_checked_when_it_runs() {
             .contains("has 64 faces; wanted are at most 10")
     );
 }
+
+#[test]
+fn a_name_wider_than_any_column_is_told_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let (graph, name) = (folder.path().join("long.ron"), "a".repeat(70_000));
+    let nodes = format!("\"{name}\": Primitive(shape: Box(size: (1, 1, 1)))");
+    let text =
+        format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"a.ply\": \"{name}\" }})");
+    std::fs::write(&graph, text).unwrap();
+    let graph = graph.to_str().unwrap();
+    for arguments in [&["run", graph][..], &["run", graph, "-n"], &["run", graph, "--profile"]] {
+        let output = maquette(arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stdout(&output).contains(&name));
+    }
+}

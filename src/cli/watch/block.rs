@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::worker::Report;
+use crate::cli::column_width;
 use crate::cli::terminal::wrapped;
 use crate::cli::{counted, in_bytes};
 use crate::error::{Problem, Severity};
@@ -231,7 +232,7 @@ fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String
 /// Every node with its time, its memory and its reason.
 fn profile(report: &Report, width: usize, paint: Paint) -> Vec<String> {
     let nodes = &report.trace.0;
-    let longest = nodes.iter().map(|node| node.name.len()).max().unwrap_or(0);
+    let longest = column_width(nodes.iter().map(|node| node.name.len()));
     let mut rows = vec![paint.dim(&format!(
         "{:<8}  {:<longest$}  {:>9}  {:>9}  why",
         "state", "node", "time", "memory"
