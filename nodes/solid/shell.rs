@@ -69,6 +69,14 @@ pub enum ShellError {
         /// Where the first one is.
         at: [f64; 3],
     },
+    /// What closes the surface lies edge on edge with it.
+    #[error(
+        "what closes the surface touches it or itself: at {count} edges not two faces meet; `side: Middle` needs nothing closed"
+    )]
+    Touching {
+        /// How many edges.
+        count: usize,
+    },
     /// Faces that make no surface.
     #[error(
         "the faces make no surface: at {count} edges more than two meet, or two that look to different sides; `Orient` turns faces"
@@ -212,7 +220,7 @@ fn body_in_front(
 ) -> Result<(Mesh, bool), ShellError> {
     if !border(mesh).is_empty() {
         match body(&orient(mesh, Outside::Flip)?.mesh, behind, progress) {
-            Err(ShellError::InsideOut) => {}
+            Err(ShellError::InsideOut | ShellError::Touching { .. }) => {}
             found => return Ok((found?, false)),
         }
     }
@@ -225,11 +233,13 @@ fn body_in_front(
 fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, ShellError> {
     let wrong = |body: &Mesh| -> Result<Option<ShellError>, ShellError> {
         let found = body.crossings(|| progress.check())?;
+        let count = body.edges().faces.iter().filter(|faces| **faces != 2).count();
         Ok(match found.first() {
             Some(&[face, _]) => {
                 let at = body.first_middle(body.faces().face(face as usize)).coords.into();
                 Some(ShellError::Crossing { count: found.len(), at })
             }
+            None if count > 0 => Some(ShellError::Touching { count }),
             None if volume(body, body.positions()[0]) <= 0.0 => Some(ShellError::InsideOut),
             None => None,
         })
