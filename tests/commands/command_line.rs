@@ -584,37 +584,3 @@ fn what_a_graph_expects_is_checked_when_it_runs() {
             .contains("has 64 faces; wanted are at most 10")
     );
 }
-
-#[test]
-fn a_name_wider_than_any_column_is_told_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let (graph, name) = (folder.path().join("long.ron"), "a".repeat(70_000));
-    let nodes = format!("\"{name}\": Primitive(shape: Box(size: (1, 1, 1)))");
-    let text =
-        format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"a.ply\": \"{name}\" }})");
-    std::fs::write(&graph, text).unwrap();
-    let graph = graph.to_str().unwrap();
-    for arguments in [&["run", graph][..], &["run", graph, "-n"], &["run", graph, "--profile"]] {
-        let output = maquette(arguments);
-        assert!(output.status.success(), "{}", stderr(&output));
-        assert!(stdout(&output).contains(&name));
-    }
-}
-
-#[test]
-fn a_shell_of_a_cropped_scan_is_closed_on_both_sides() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    std::fs::copy(Path::new(GRAPHS).join("doll/coarse.obj"), at("doll.obj")).unwrap();
-    let graph = r#"Graph(format: 1, params: { "side": Choice(default: Inside, of: [Inside, Outside], doc: "") }, nodes: {
-        "doll": ReadMesh(path: "doll.obj"),
-        "part": Crop(mesh: "doll", within: Plane(through: (0, 44, 0), normal: (0, -1, 0.2))),
-        "shell": Shell(mesh: "part", thickness: 8.0, side: Param("side")),
-    }, outputs: { "shell.glb": "shell" }, expect: [Closed("shell"), NoSelfIntersection("shell")])"#;
-    std::fs::write(at("shell.ron"), graph).unwrap();
-    for side in ["Inside", "Outside"] {
-        let side = format!("side={side}");
-        let output = maquette(&["run", at("shell.ron").to_str().unwrap(), "--set", &side]);
-        assert!(output.status.success(), "{}", stderr(&output));
-    }
-}

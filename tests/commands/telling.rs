@@ -329,3 +329,18 @@ fn what_files_cannot_tell_is_told_by_each_run_also_if_they_are_there() {
         assert_eq!(told.matches("warning").count(), 2, "{told}");
     }
 }
+
+#[test]
+fn a_name_wider_than_any_column_is_told_whole() {
+    let name = "a".repeat(70_000);
+    let nodes = format!("\"{name}\": Primitive(shape: Box(size: (1, 1, 1)))");
+    let outputs = format!("\"a.ply\": \"{name}\"");
+    let text = format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ {outputs} }})");
+    let folder = folder(&[("long.ron", &text)]);
+    for options in [&[][..], &["-n"], &["--profile"]] {
+        let mut command = command(folder.path(), &[&["run", "long.ron"], options].concat());
+        let output = command.env("MAQUETTE_CACHE", folder.path().join("cache")).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stdout(&output).contains(&name));
+    }
+}
