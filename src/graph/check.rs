@@ -24,7 +24,7 @@ use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
 use crate::files::NodeFile;
 use crate::paths::project_root;
-use crate::text::{Finding, Help, Sheet};
+use crate::text::{Finding, Help, Sheet, Tree};
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
     match options.text(path) {
@@ -51,17 +51,30 @@ pub(super) fn load_text(
     catalog: &Catalog,
     options: &Options,
 ) -> Checked {
+    load_whole(path, text, catalog, options, |_, _| ()).0
+}
+
+/// The same, and something else that is asked of what the text says; none if it cannot be said what stands in it.
+pub(super) fn load_whole<T>(
+    path: &Path,
+    text: String,
+    catalog: &Catalog,
+    options: &Options,
+    ask: impl FnOnce(&mut World<'_>, &Arc<Whole>) -> T,
+) -> (Checked, Option<T>) {
     let (mut world, whole) = first(path, text.clone(), catalog, options);
+    let whole = whole.map(Arc::new);
+    let answer = whole.as_ref().map(|whole| ask(&mut world, whole));
     world.judge_lock(path, &text);
     let mut checked = judged(world, whole);
     for graph in [&mut checked.graph, &mut checked.partial].into_iter().flatten() {
         graph.remember(path, &text, options);
     }
-    checked
+    (checked, answer)
 }
 
 /// What is made of the text of a graph's own file, and of the files that it uses.
-pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole>) -> Checked {
+pub(super) fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
     let is_error = |problem: &&Problem| problem.severity == Severity::Error;
     // What is not of an unknown type, or hangs on it, is as good as ever.
@@ -212,12 +225,12 @@ impl<'w, 'a> Check<'w, 'a> {
     }
 
     fn read(&mut self) -> Option<Whole> {
-        let tree = self.tree()?;
+        let tree = Arc::new(self.tree()?);
         let top = self.top_level(&tree)?;
-        Some(self.graph(&top))
+        Some(self.graph(&top, &tree))
     }
 
-    fn graph(&mut self, top: &TopLevel<'_>) -> Whole {
+    fn graph(&mut self, top: &TopLevel<'_>, tree: &Arc<Tree>) -> Whole {
         let version = top.version.and_then(|version| self.version(version));
         self.missing_packs = self.packs(top.packs);
         let subgraphs = self.subgraphs(top);
@@ -279,6 +292,7 @@ impl<'w, 'a> Check<'w, 'a> {
             json!({ "description": top.doc, "properties": by_field, "required": required });
         let definition = Definition {
             sheet: self.sheet.clone(),
+            tree: tree.clone(),
             doc: top.doc.clone(),
             version,
             declared,

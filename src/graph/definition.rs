@@ -30,6 +30,8 @@ pub(super) type Wants = Vec<(&'static str, Span)>;
 /// A graph as its file has it, with the default values of its parameters.
 pub(super) struct Definition {
     pub(super) sheet: Arc<Sheet>,
+    /// The tree of its text.
+    pub(super) tree: Arc<Tree>,
     pub(super) doc: String,
     pub(super) version: Option<Version>,
     /// Its parameters and their values where a use gives none.
@@ -51,6 +53,13 @@ pub(super) struct Definition {
     pub(super) schema: Json,
     /// The same for who uses it: under the names of fields.
     pub(super) fields: Json,
+}
+
+impl Definition {
+    /// Whether a patch has made it of another graph.
+    pub(super) fn is_patched(&self) -> bool {
+        !self.sheet.parts.is_empty()
+    }
 }
 
 /// An output of a graph that others use.

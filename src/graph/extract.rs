@@ -75,9 +75,10 @@ impl Graph {
         catalog: &Catalog,
         options: &Options,
     ) -> Result<Extracted, Vec<Problem>> {
+        // What is set stands in no text.
+        let options = &Options { set: Vec::new(), ..options.clone() };
         let judge = Judge { path, catalog, options };
-        let before = judge.sound(text)?;
-        let known = Known::read(path, text, catalog, &judge.reading())?;
+        let (known, before) = judge.sound(text)?;
         let refused = |refused| judge.refuse(text, refused);
         let set = chosen(&known, &extraction.nodes).map_err(refused)?;
         between(&known, &set).map_err(refused)?;
@@ -291,7 +292,7 @@ impl Work<'_> {
 
     /// The edits that give the graph its first entry of `use`: behind what stands at its head.
     fn first_use(&self, entry: &str) -> Vec<Splice> {
-        let Known { text, tree, .. } = self.known;
+        let (text, tree) = (&self.known.text, self.known.tree());
         let of_head = |name: &str| matches!(name, "format" | "version" | "doc" | "packs");
         let fields = tree.fields().unwrap_or_default();
         let Some(head) = fields.iter().rposition(|field| of_head(&field.name.text)) else {

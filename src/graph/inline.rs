@@ -21,7 +21,7 @@ use super::{Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span, code};
 use crate::paths::without_dots;
-use crate::text::{Field, Kind, Tree, nearest_or_all, parse, with_article};
+use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 
 impl Graph {
     /// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`Graph::extract`] has done is undone.
@@ -41,9 +41,10 @@ impl Graph {
         catalog: &Catalog,
         options: &Options,
     ) -> Result<Edited, Vec<Problem>> {
+        // What is set stands in no text.
+        let options = &Options { set: Vec::new(), ..options.clone() };
         let judge = Judge { path, catalog, options };
-        let before = judge.sound(text)?;
-        let known = Known::read(path, text, catalog, &judge.reading())?;
+        let (known, before) = judge.sound(text)?;
         let refused = |refused| judge.refuse(text, refused);
         let name = node.strip_prefix("nodes.").unwrap_or(node);
         let (at, graph) = used(&known, name).map_err(refused)?;
@@ -91,7 +92,7 @@ fn used<'k>(known: &'k Known, name: &str) -> Result<(usize, &'k Definition), Ref
         let message = format!("`{name}` is {}, and no use of a graph", with_article(&kind));
         return no(message, "only types of nodes under `use` have nodes inside");
     };
-    if !graph.sheet.parts.is_empty() {
+    if graph.is_patched() {
         let file = graph.sheet.source.name.display();
         let message = format!("`{file}` is a patch, which has no nodes of its own");
         return no(message, "use the graph that it is `of`, with its values");
@@ -109,8 +110,7 @@ fn ready(known: &Known, at: usize, graph: &Definition) -> Vec<Edit> {
     let absent = drafts.iter().map(|draft| &draft.name.text).filter(|name| is_left_out(name));
     let remove = |name| Edit::Remove { name: format!("inputs.{name}"), and_links: true };
     let mut edits = Vec::from_iter(absent.map(remove));
-    let tree = parse(&graph.sheet.source.text).0;
-    let map = field(&tree, "nodes").map(|nodes| &nodes.value.kind);
+    let map = field(&graph.tree, "nodes").map(|nodes| &nodes.value.kind);
     let inner = match map {
         Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
         _ => Vec::new(),
@@ -307,7 +307,7 @@ impl<'a> Work<'a> {
     /// The edits that expect here what the used graph expects.
     fn expected(&self) -> Vec<Splice> {
         let Self { known, inner, .. } = self;
-        let Some(list) = field(&inner.tree, "expect").map(|field| &field.value) else {
+        let Some(list) = field(inner.tree(), "expect").map(|field| &field.value) else {
             return Vec::new();
         };
         let items = match &list.kind {
@@ -324,10 +324,10 @@ impl<'a> Work<'a> {
         let names = Vec::from_iter(names);
         let items = items.iter().map(|item| part_with(&inner.text, item.span, &names));
         let items = Vec::from_iter(items);
-        let own = field(&known.tree, "expect").map(|field| &field.value);
+        let own = field(known.tree(), "expect").map(|field| &field.value);
         match own.map(|own| (own, parts(own))) {
             _ if items.is_empty() => Vec::new(),
-            None => added(&known.text, &known.tree, "expect", &format!("[{}]", items.join(", "))),
+            None => added(&known.text, known.tree(), "expect", &format!("[{}]", items.join(", "))),
             Some((own, places)) => match &places[..] {
                 [] => vec![(own.span, format!("[{}]", items.join(", ")))],
                 [before @ .., last] => {
@@ -414,9 +414,9 @@ impl<'a> Work<'a> {
         if parts(map).len() > 1 {
             return without(text, map, &BTreeSet::from([place]));
         }
-        let fields = known.tree.fields().unwrap_or_default();
+        let fields = known.tree().fields().unwrap_or_default();
         let field = fields.iter().position(|field| field.name.text == "use");
-        field.map(|at| without(text, &known.tree, &BTreeSet::from([at]))).unwrap_or_default()
+        field.map(|at| without(text, known.tree(), &BTreeSet::from([at]))).unwrap_or_default()
     }
 
     fn renamed(&self, key: &Tree) -> String {
@@ -450,7 +450,7 @@ impl<'a> Work<'a> {
             }
             None => {
                 let value = format!("{{ {} }}", new.join(", "));
-                added(&known.text, &known.tree, "packs", &value)
+                added(&known.text, known.tree(), "packs", &value)
             }
         })
     }

@@ -76,7 +76,7 @@ impl GraphText {
     ) -> Result<Graph, Vec<Problem>> {
         let (mut world, whole) = first(&self.path, self.text.clone(), catalog, &self.options);
         world.absent = inputs;
-        let checked = judged(world, whole);
+        let checked = judged(world, whole.map(Arc::new));
         checked.graph.or(checked.partial).ok_or(checked.problems)
     }
 }

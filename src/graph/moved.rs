@@ -13,6 +13,10 @@ pub(super) use paths::{path_of_use, seen_from};
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
 
+use std::sync::Arc;
+
+use super::check::{Whole, load_whole};
+use super::definition::World;
 use super::edit::{Judge, Refusal};
 use super::patch::is_patch;
 use super::{Files, Options};
@@ -20,22 +24,35 @@ use crate::error::{Problem, Span, code};
 use crate::text::{parse, syntax_problems};
 
 impl Judge<'_> {
-    /// What a graph computes whose nodes are to be moved.
+    /// What a graph says and computes whose nodes are to be moved.
     ///
     /// # Errors
     /// Everything that is wrong with it.
-    pub(super) fn sound(&self, text: &str) -> Result<Sides, Vec<Problem>> {
+    pub(super) fn sound(&self, text: &str) -> Result<(Known, Sides), Vec<Problem>> {
+        let options = Options { files: Files::Inside, draft: false, ..self.options.clone() };
+        let known = |world: &mut World<'_>, whole: &Arc<Whole>| {
+            let is_patched = whole.definition.is_patched();
+            (!is_patched).then(|| Known::of(world, whole.clone()))
+        };
+        let (checked, known) =
+            load_whole(self.path, text.to_owned(), self.catalog, &options, known);
+        let sides = self.sides(text, &checked).ok();
+        known.flatten().zip(sides).ok_or_else(|| self.unsound(text))
+    }
+
+    /// What is wrong with a graph whose nodes cannot be moved.
+    fn unsound(&self, text: &str) -> Vec<Problem> {
         let (tree, mistakes) = parse(text);
         if !mistakes.is_empty() {
-            return Err(syntax_problems(self.path, text, mistakes));
+            return syntax_problems(self.path, text, mistakes);
         }
         if is_patch(&tree) {
             let message = "a patch has values of nodes, but no nodes of its own".to_owned();
             let help = "do it in the graph that it is `of`".to_owned();
             let span = tree.name().map_or(tree.span, |name| name.span);
-            return Err(self.refuse(text, Refusal { code: code::SYNTAX, span, message, help }));
+            return self.refuse(text, Refusal { code: code::SYNTAX, span, message, help });
         }
-        self.computed(text)
+        self.computed(text).err().unwrap_or_default()
     }
 
     /// The options by which a text is understood: no file that its nodes read is looked at.

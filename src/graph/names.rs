@@ -11,7 +11,6 @@ use super::edit::{Names, Reference, References};
 use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::meaning::{entries, named_node};
-use super::patch::is_patch;
 use super::top::name_of;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
@@ -66,32 +65,17 @@ impl Graph {
         catalog: &Catalog,
         options: &Options,
     ) -> NamesOf {
-        let (tree, mistakes) = parse(text);
-        if !mistakes.is_empty() {
-            return NamesOf::default();
-        }
-        let Some((known, whole)) = Known::of(path, text, catalog, options) else {
+        let Some((known, Whole { definition, .. })) = Known::of(path, text, catalog, options)
+        else {
             return NamesOf::default();
         };
         let mut search = Search { text, found: Vec::new() };
-        let fields = tree.fields().unwrap_or_default();
-        if is_patch(&tree) {
-            for (key, _) in keys(fields, "params") {
-                search.put(key, |name| known.value(name));
+        match definition.is_patched() {
+            true => search.patch(parse(text).0.fields().unwrap_or_default(), &known),
+            false => {
+                let fields = definition.tree.fields().unwrap_or_default();
+                search.graph(fields, &known, &References::within(&definition));
             }
-            for (key, value) in keys(fields, "nodes") {
-                search.put(key, |name| known.way(name));
-                let text = key.text().unwrap_or_default();
-                let Some(inner) = known.uses.get(named_node(text)) else { continue };
-                match known.behind(text) {
-                    None if known.is_repeated(text) => search.repeated(value, inner),
-                    // What stands there are the fields.
-                    None | Some("") => search.fields(value, inner),
-                    Some(_) => {}
-                }
-            }
-        } else {
-            search.graph(fields, &known, &References::within(&whole.definition, &tree));
         }
         search.found.sort_by_key(|found| found.span);
         search.found.dedup();
@@ -204,8 +188,7 @@ impl Known {
         let listed = world.listed.iter().filter(|(depth, ..)| *depth == 1);
         let types = listed.map(|(_, name, inner)| (name.clone(), Arc::new(Inner::of(inner))));
         let types: HashMap<_, _> = types.collect();
-        let (tree, _) = parse(&definition.sheet.source.text);
-        let fields = tree.fields().unwrap_or_default();
+        let fields = definition.tree.fields().unwrap_or_default();
         let (mut uses, mut repeated) = (HashMap::new(), HashSet::new());
         for (name, call) in entries(fields, "nodes") {
             let inner = kind_of(call).and_then(|kind| types.get(&kind.text));
@@ -354,6 +337,23 @@ impl Search<'_> {
             let symbol = inner.field(&name.text);
             let named = |symbol| Named { span: name.span, symbol, declares: false, is_field: true };
             self.found.extend(symbol.map(named));
+        }
+    }
+
+    fn patch(&mut self, fields: &[Field], known: &Known) {
+        for (key, _) in keys(fields, "params") {
+            self.put(key, |name| known.value(name));
+        }
+        for (key, value) in keys(fields, "nodes") {
+            self.put(key, |name| known.way(name));
+            let text = key.text().unwrap_or_default();
+            let Some(inner) = known.uses.get(named_node(text)) else { continue };
+            match known.behind(text) {
+                None if known.is_repeated(text) => self.repeated(value, inner),
+                // What stands there are the fields.
+                None | Some("") => self.fields(value, inner),
+                Some(_) => {}
+            }
         }
     }
 

@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::Value as Json;
@@ -121,7 +122,7 @@ impl Graph {
             let used = used.map(|(_, name, graph)| Subgraph::new(name, graph));
             Outliner::new(whole).outline(used.map(|used| used.description().to_json()).collect())
         });
-        (judged(world, whole), outline)
+        (judged(world, whole.map(Arc::new)), outline)
     }
 }
 
@@ -129,20 +130,18 @@ impl Graph {
 struct Outliner<'w> {
     whole: &'w Whole,
     sheet: &'w Sheet,
-    tree: Tree,
     references: References,
 }
 
 impl<'w> Outliner<'w> {
     fn new(whole: &'w Whole) -> Self {
         let sheet = &*whole.definition.sheet;
-        let (tree, _) = crate::text::parse(&sheet.source.text);
-        let references = References::within(&whole.definition, &tree);
-        Self { whole, sheet, tree, references }
+        let references = References::within(&whole.definition);
+        Self { whole, sheet, references }
     }
 
     fn outline(&self, types: Vec<Json>) -> Outline {
-        let fields = self.tree.fields().unwrap_or_default();
+        let fields = self.whole.definition.tree.fields().unwrap_or_default();
         let nodes = self.section("nodes").into_iter().zip(entries(fields, "nodes"));
         let outputs = self.section("outputs").into_iter().zip(entries(fields, "outputs"));
         let given = |(entry, (_, value)): (Entry, (&str, &Tree))| Given {
@@ -185,7 +184,7 @@ impl<'w> Outliner<'w> {
 
     /// The entries of a section.
     fn section(&self, section: &str) -> Vec<Entry> {
-        let fields = self.tree.fields().unwrap_or_default().iter();
+        let fields = self.whole.definition.tree.fields().unwrap_or_default().iter();
         let maps = fields.filter(|field| field.name.text == section).map(|field| &field.value);
         let mut lines = Lines::default();
         let mut found = Vec::new();

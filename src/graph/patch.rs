@@ -25,9 +25,11 @@ pub(super) fn patched_tree(
     catalog: &Catalog,
     options: &Options,
 ) -> Tree {
-    let (tree, _) = crate::text::parse(&text);
-    let (_, whole) = first(path, text, catalog, options);
-    whole.map_or(tree, |whole| crate::text::parse(&whole.definition.sheet.source.text).0)
+    let (_, whole) = first(path, text.clone(), catalog, options);
+    match whole {
+        Some(whole) => Arc::unwrap_or_clone(whole.definition.tree),
+        None => crate::text::parse(&text).0,
+    }
 }
 
 /// A value, what it is for, where the patch names that, and where its field.

@@ -48,7 +48,7 @@ pub(crate) struct Loop {
 
 /// All that a graph is expanded from again.
 pub(super) struct Stage {
-    whole: Whole,
+    whole: Arc<Whole>,
     options: Options,
     root: PathBuf,
     /// Whether it has nodes of unknown types.
@@ -61,7 +61,7 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    pub(super) fn new(whole: Whole, is_partial: bool, world: &World<'_>) -> Self {
+    pub(super) fn new(whole: Arc<Whole>, is_partial: bool, world: &World<'_>) -> Self {
         let root = world.roots.first().cloned().unwrap_or_default();
         let (options, absent) = (world.options.clone(), world.absent.clone());
         let (pins, last) = (world.pins.clone(), Mutex::default());

@@ -5,7 +5,7 @@ use semver::{Version, VersionReq};
 use super::check::Check;
 use super::definition::Definition;
 use crate::error::{Span, code};
-use crate::text::{Help, Kind, Tree, nearest_or_all, parse};
+use crate::text::{Help, Kind, Tree, nearest_or_all};
 
 /// What a graph says of another one that it uses.
 pub(super) struct Wanted<'t> {
@@ -138,6 +138,5 @@ impl Check<'_, '_> {
 
 /// Whether a graph's file has a version, right or wrong.
 fn says_version(graph: &Definition) -> bool {
-    let (tree, _) = parse(&graph.sheet.source.text);
-    tree.fields().unwrap_or_default().iter().any(|field| field.name.text == "version")
+    graph.tree.fields().unwrap_or_default().iter().any(|field| field.name.text == "version")
 }

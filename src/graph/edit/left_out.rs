@@ -54,8 +54,8 @@ impl Judge<'_> {
         let mut drafts = definition.drafts.iter().filter(|draft| is_it(&draft.what));
         let what = &drafts.find(|draft| named_node(&draft.name.text) == node)?.what;
         let root = what.schema()?;
-        let tree = parse(text).0;
-        let (_, call) = entries(tree.fields()?, "nodes").find(|(name, _)| *name == node)?;
+        let (_, call) =
+            entries(definition.tree.fields()?, "nodes").find(|(name, _)| *name == node)?;
         let steps = Vec::from_iter(path.split('.'));
         let (name, way) = steps.split_last()?;
         let (group, way) = match (call.name()?.text == "ForEach", way) {

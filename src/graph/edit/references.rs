@@ -48,22 +48,23 @@ pub(in crate::graph) struct References {
 }
 
 impl References {
-    /// All in the text of a graph that has this tree.
+    /// All in the text of a graph.
     ///
     /// # Errors
     /// The problems of the text, if it cannot be said what is in it.
-    pub(super) fn of(judge: &Judge<'_>, text: &str, tree: &Tree) -> Result<Self, Vec<Problem>> {
+    pub(super) fn of(judge: &Judge<'_>, text: &str) -> Result<Self, Vec<Problem>> {
         let (roots, texts) = (judge.options.roots.clone(), judge.options.texts.clone());
         let options = Options { roots, texts, files: Files::Ignored, ..Options::default() };
         let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
         match whole {
-            Some(Whole { definition, .. }) => Ok(Self::within(&definition, tree)),
+            Some(Whole { definition, .. }) => Ok(Self::within(&definition)),
             None => Err(world.problems),
         }
     }
 
-    /// All in a text that has been understood so far, and has this tree.
-    pub(in crate::graph) fn within(definition: &Definition, tree: &Tree) -> Self {
+    /// All in a text that has been understood so far.
+    pub(in crate::graph) fn within(definition: &Definition) -> Self {
+        let tree = &definition.tree;
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
         let mut known_ports = HashMap::new();
         for draft in &definition.drafts {

@@ -59,7 +59,7 @@ impl<'j> Structure<'j> {
             let refused = refusal(code::SYNTAX, span, message, help);
             return Err(vec![judge.refused(text, refused)]);
         }
-        let references = References::of(judge, text, &tree)?;
+        let references = References::of(judge, text)?;
         Ok(Self { judge, text, tree, references })
     }
 

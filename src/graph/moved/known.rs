@@ -2,24 +2,24 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span};
 use crate::graph::Options;
 use crate::graph::check::{Check, Whole, first};
-use crate::graph::definition::Definition;
+use crate::graph::definition::{Definition, World};
 use crate::graph::draft::{Draft, What};
 use crate::graph::edit::{Names, References, field};
 use crate::graph::expression::named_parameters;
 use crate::graph::link;
 use crate::graph::meaning::named_node;
-use crate::text::{Kind, Tree, parse};
+use crate::text::{Kind, Tree};
 
 /// The text of a graph, understood.
 pub(in crate::graph) struct Known {
     pub(in crate::graph) text: String,
-    pub(in crate::graph) tree: Tree,
-    pub(in crate::graph) whole: Whole,
+    pub(in crate::graph) whole: Arc<Whole>,
     pub(in crate::graph) references: References,
     /// All links, in the order of their places.
     pub(in crate::graph) links: Vec<Linked>,
@@ -47,12 +47,18 @@ impl Known {
         catalog: &Catalog,
         options: &Options,
     ) -> Result<Self, Vec<Problem>> {
-        let (tree, _) = parse(text);
         let (mut world, whole) = first(path, text.to_owned(), catalog, options);
-        let Some(whole) = whole else { return Err(world.problems) };
+        match whole {
+            Some(whole) => Ok(Self::of(&mut world, Arc::new(whole))),
+            None => Err(world.problems),
+        }
+    }
+
+    /// What a text says that is no patch's.
+    pub(in crate::graph) fn of(world: &mut World<'_>, whole: Arc<Whole>) -> Self {
         let definition = &whole.definition;
-        let references = References::within(definition, &tree);
-        let mut check = Check::new(&mut world, definition.sheet.clone(), Vec::new());
+        let references = References::within(definition);
+        let mut check = Check::new(world, definition.sheet.clone(), Vec::new());
         let names = link::Names::new(&definition.drafts, &definition.eaches);
         let mut links = Vec::new();
         for found in references.all.iter().filter(|found| found.kind == Names::Link) {
@@ -60,8 +66,12 @@ impl Known {
             let targets = check.target(&text, span, &definition.drafts, &names);
             links.push(Linked { span, text, by, targets: targets.unwrap_or_default() });
         }
-        let (text, roots) = (text.to_owned(), std::mem::take(&mut world.roots));
-        Ok(Self { text, tree, whole, references, links, roots })
+        let (text, roots) = (definition.sheet.source.text.clone(), world.roots.clone());
+        Self { text, whole, references, links, roots }
+    }
+
+    pub(in crate::graph) fn tree(&self) -> &Tree {
+        &self.definition().tree
     }
 
     pub(in crate::graph) fn definition(&self) -> &Definition {
@@ -70,7 +80,7 @@ impl Known {
 
     /// A section with names, if the graph has it.
     pub(in crate::graph) fn section(&self, name: &str) -> Option<&Tree> {
-        let value = &field(&self.tree, name)?.value;
+        let value = &field(self.tree(), name)?.value;
         matches!(value.kind, Kind::Map(_)).then_some(value)
     }
 

@@ -34,19 +34,18 @@ pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
 /// graph are relative to several folders.
 pub(in crate::graph) fn seen_from(definition: &Definition, to: &Path) -> String {
     let sheet = &definition.sheet;
-    let text = &sheet.source.text;
-    let tree = parse(text).0;
+    let (text, tree) = (&sheet.source.text, &definition.tree);
     let uses = entries(tree.fields().unwrap_or_default(), "use");
     let uses = uses.filter_map(|(_, value)| Some(path_of_use(value)?.span));
-    let places = files(definition, &tree).into_iter().chain(uses);
+    let places = files(definition).into_iter().chain(uses);
     let paths = places.filter_map(|span| rebased_at(text, span, sheet.folder_of(span), to));
     apply(text, paths.collect())
 }
 
 /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
-fn files(definition: &Definition, tree: &Tree) -> BTreeSet<Span> {
+fn files(definition: &Definition) -> BTreeSet<Span> {
     let mut files = Files::default().of(definition);
-    for (_, declaration) in entries(tree.fields().unwrap_or_default(), "params") {
+    for (_, declaration) in entries(definition.tree.fields().unwrap_or_default(), "params") {
         let Some(default) = field(declaration, "default").map(|field| &field.value) else {
             continue;
         };
@@ -70,7 +69,7 @@ fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> 
 impl Known {
     /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
     pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
-        files(self.definition(), &self.tree)
+        files(self.definition())
     }
 
     /// The edits of paths in these places that lead to the same files from another folder.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::error::Problem;
+use crate::error::{Problem, Severity};
 use crate::graph::edit::Judge;
 use crate::graph::expectation::Expectation;
 use crate::graph::{Checked, Graph, GraphNode};
@@ -28,16 +28,16 @@ impl Judge<'_> {
     /// # Errors
     /// Everything that is wrong with it.
     pub(in crate::graph) fn computed(&self, text: &str) -> Result<Sides, Vec<Problem>> {
-        let side = |draft| -> Result<_, Vec<Problem>> {
-            let Checked { graph, problems, subgraphs, .. } = self.checked(text, draft);
-            let graph = graph.filter(|_| problems.is_empty()).ok_or(problems)?;
-            Ok((Computed::by(&graph), subgraphs))
-        };
-        let (by, used) = side(false)?;
+        self.sides(text, &self.checked(text, false))
+    }
+
+    /// The same of a text that has been checked for final results.
+    pub(super) fn sides(&self, text: &str, checked: &Checked) -> Result<Sides, Vec<Problem>> {
+        let by = Computed::of(checked)?;
         let has_draft = |text: &str| text.contains("Draft");
         let in_used = |path: &PathBuf| self.options.text(path).is_ok_and(|text| has_draft(&text));
-        let draft = match has_draft(text) || used.iter().any(in_used) {
-            true => side(true)?.0,
+        let draft = match has_draft(text) || checked.subgraphs.iter().any(in_used) {
+            true => Computed::of(&self.checked(text, true))?,
             false => by.clone(),
         };
         Ok([by, draft])
@@ -45,6 +45,13 @@ impl Judge<'_> {
 }
 
 impl Computed {
+    fn of(checked: &Checked) -> Result<Self, Vec<Problem>> {
+        let is_error = |problem: &&Problem| problem.severity == Severity::Error;
+        let errors = Vec::from_iter(checked.problems.iter().filter(is_error).cloned());
+        let graph = checked.graph.as_ref().filter(|_| errors.is_empty());
+        graph.map(Self::by).ok_or(errors)
+    }
+
     fn by(graph: &Graph) -> Self {
         let mut hashes: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
         for node in graph.nodes.iter() {

@@ -39,7 +39,7 @@ impl Structure<'_> {
         let text = apply(self.text, splices);
         // Only the check knows which texts are links.
         let (tree, _) = parse(&text);
-        let references = References::of(self.judge, &text, &tree);
+        let references = References::of(self.judge, &text);
         let way = Vec::from_iter(way.iter().map(String::as_str));
         let is_link = match call_of(&tree, node).map(|call| find(call, &way, None)) {
             Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
