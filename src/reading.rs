@@ -1,6 +1,7 @@
 //! Files that become values: what reads which, by the type that is wanted and the ending of the file's name.
 
 use std::cell::RefCell;
+use std::cmp::Reverse;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -116,6 +117,41 @@ pub struct NoReader {
     pub known: Vec<&'static str>,
 }
 
+/// Why a file is none of the types of values that files of its ending may hold.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", self.in_words())]
+struct NotRead(Vec<(Vec<&'static str>, Error)>);
+
+impl NotRead {
+    /// What is wrong with it as each type of values; what is wrong for most of them comes first.
+    fn of(refused: Vec<(&'static str, Error)>) -> Error {
+        let mut reasons: Vec<(Vec<_>, Error)> = Vec::new();
+        for (kind, error) in refused {
+            let message = error.to_string();
+            match reasons.iter_mut().find(|(_, reason)| reason.to_string() == message) {
+                Some((kinds, _)) => kinds.push(kind),
+                None => reasons.push((vec![kind], error)),
+            }
+        }
+        reasons.sort_by_key(|(kinds, _)| Reverse(kinds.len()));
+        match <[_; 1]>::try_from(reasons) {
+            Ok([(_, reason)]) => reason,
+            Err(reasons) => Self(reasons).into(),
+        }
+    }
+
+    fn in_words(&self) -> String {
+        let words =
+            |(kinds, reason): &(Vec<_>, Error)| format!("as {}: {reason}", kinds.join(" or "));
+        Vec::from_iter(self.0.iter().map(words)).join("; ")
+    }
+}
+
+/// Some editors write texts so, and no reader knows them.
+#[derive(Debug, thiserror::Error)]
+#[error("it is text in UTF-16: save it as UTF-8")]
+struct Utf16;
+
 /// The readers of some packs.
 #[derive(Clone, Default)]
 pub(crate) struct Readers(Vec<AnyReader>);
@@ -152,21 +188,31 @@ impl Readers {
     }
 
     /// The value in a file, of whatever type: of the first reader of its ending that finds something in it.
+    ///
+    /// # Errors
+    /// If none does: what each of them says.
     pub(crate) fn read_any(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let ending = file.ending();
         let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
-        let mut first = None;
+        let (mut bare, mut refused) = (None, Vec::new());
         for reader in self.0.iter().filter(fits) {
             match reader.call(file) {
                 // A mesh without faces is a cloud, or a line.
-                Ok(value) if value.get::<Mesh>().is_none_or(|mesh| !mesh.faces().is_empty()) => {
-                    return Ok(value);
+                Ok(value) if value.get::<Mesh>().is_some_and(|mesh| mesh.faces().is_empty()) => {
+                    bare = bare.or(Some(value));
                 }
-                other => first = first.or(Some(other)),
+                Ok(value) => return Ok(value),
+                Err(error) => refused.push((reader.kind().name, error)),
             }
         }
-        let known = self.endings(None);
-        first.unwrap_or_else(|| Err(NoReader { what: "value", ending, known }.into()))
+        match (bare, refused.is_empty()) {
+            (Some(value), _) => Ok(value),
+            (None, false) => Err(NotRead::of(refused)),
+            (None, true) => {
+                let known = self.endings(None);
+                Err(NoReader { what: "value", ending, known }.into())
+            }
+        }
     }
 
     /// Whether files of this ending may name others.
@@ -222,7 +268,8 @@ impl AnyReader {
 
     /// Reads a file, whatever its name is.
     pub(crate) fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
-        (self.read)(file)
+        let is_utf16 = [b"\xff\xfe", b"\xfe\xff"].iter().any(|mark| file.bytes.starts_with(*mark));
+        (self.read)(file).map_err(|error| if is_utf16 { Utf16.into() } else { error })
     }
 
     /// Asks for the files that a file names.
@@ -291,5 +338,23 @@ mod tests {
         let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
         let value = readers.read_any(&Reading::alone("a.ply", cloud)).unwrap();
         assert_eq!(value.kind().name, "Points");
+    }
+
+    #[test]
+    fn of_a_broken_file_all_reasons_are_told_and_what_most_readers_say_comes_first() {
+        let readers = Readers::new(READERS.iter().copied());
+        let why =
+            |file: &[u8]| readers.read_any(&Reading::alone("a.ply", file)).unwrap_err().to_string();
+        let wrong = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+            property list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n3 0 1 7\n";
+        let expected =
+            "as Mesh or Points: face 0 names vertex 7, but there are only 2; as RangeImage: ";
+        let told = why(wrong);
+        assert!(told.starts_with(expected), "{told}");
+        // What all of them say is told once.
+        assert!(!why(b"plain text").contains("as Mesh"));
+        let wide = Vec::from_iter("ply\n".encode_utf16().flat_map(u16::to_le_bytes));
+        let told = why(&[b"\xff\xfe", &wide[..]].concat());
+        assert_eq!(told, "it is text in UTF-16: save it as UTF-8");
     }
 }

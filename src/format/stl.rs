@@ -25,6 +25,17 @@ pub enum StlError {
         /// Bytes in the file.
         bytes: usize,
     },
+    /// A binary file of another length than its header says.
+    #[error(
+        "{bytes} bytes, but the header counts {triangles} triangles, which take {}: the file is cut off, or no STL file",
+        84 + TRIANGLE as u64 * u64::from(*triangles)
+    )]
+    Length {
+        /// Bytes in the file.
+        bytes: usize,
+        /// How many triangles there must be.
+        triangles: u32,
+    },
     /// A word where another one must be.
     #[error("line {line}: `{text}`, where there must be `{wanted}`")]
     Word {
@@ -91,9 +102,12 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
 fn read_finite(bytes: &[u8]) -> Result<(Mesh, usize), StlError> {
     let mut corners = Corners::default();
     let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
-    let promised = promised.map(|count| u32::from_le_bytes(*count) as usize);
+    let promised = promised.map(|count| u32::from_le_bytes(*count));
+    let wanted = |count: u32| (count as usize).saturating_mul(TRIANGLE).saturating_add(84);
+    let is_text =
+        bytes.trim_ascii_start().get(..5).is_some_and(|it| it.eq_ignore_ascii_case(b"solid"));
     // Binary headers may begin with `solid` too, but their length gives them away.
-    if promised.is_some_and(|count| bytes.len() - 84 == count.saturating_mul(TRIANGLE)) {
+    if promised.is_some_and(|count| bytes.len() == wanted(count)) {
         for triangle in bytes[84..].as_chunks::<TRIANGLE>().0 {
             let number = |k: usize| {
                 let at = 12 + 4 * k;
@@ -102,14 +116,22 @@ fn read_finite(bytes: &[u8]) -> Result<(Mesh, usize), StlError> {
             };
             corners.push([0, 3, 6].map(|k| [number(k), number(k + 1), number(k + 2)]));
         }
-    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+    } else if is_text {
         read_text(bytes, &mut corners)?;
     } else {
-        return Err(StlError::NotStl { bytes: bytes.len() });
+        let bytes = bytes.len();
+        // Four bytes of anything else would hardly be about as many.
+        return Err(match promised.filter(|&count| wanted(count) / MOST_LACKING <= bytes) {
+            Some(triangles) => StlError::Length { bytes, triangles },
+            None => StlError::NotStl { bytes },
+        });
     }
     let (faces, _) = corners.faces.finish()?;
     Ok((Mesh::new(corners.positions, faces)?, corners.left_out))
 }
+
+/// A file that is shorter by more than this is taken for none of its kind.
+const MOST_LACKING: usize = 1000;
 
 /// Bytes of a triangle: a normal and three corners of floats, and two bytes of anything.
 const TRIANGLE: usize = 50;
@@ -312,7 +334,11 @@ mod tests {
         assert_eq!(read(b"stl").unwrap_err().to_string(), text);
         let mut cut = binary();
         cut.pop();
-        assert!(matches!(read(&cut), Err(StlError::NotStl { bytes: 183 })));
+        let told = "183 bytes, but the header counts 2 triangles, which take 184: the file is cut off, or no STL file";
+        assert_eq!(read(&cut).unwrap_err().to_string(), told);
+        // Four letters are no count.
+        let text = b"a text that is no file of triangles, but has as many letters as their header would take".repeat(2);
+        assert!(matches!(read(&text), Err(StlError::NotStl { .. })));
         assert_eq!(error("   vertex 1 0 0\n", ""), "line 7: a facet has three vertices, not 2");
         assert_eq!(
             error("vertex 1 0 0", "vertex 1 0"),
@@ -332,6 +358,12 @@ mod tests {
         );
         let start = &TEXT[..TEXT.find("endloop").unwrap()];
         assert_eq!(read(start.as_bytes()).unwrap_err(), StlError::Ends { line: 6 });
+    }
+
+    #[test]
+    fn capitals_say_the_same() {
+        let capitals = TEXT.to_ascii_uppercase();
+        assert_eq!(read(capitals.as_bytes()).unwrap(), read(TEXT.as_bytes()).unwrap());
     }
 
     #[test]

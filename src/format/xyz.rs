@@ -31,6 +31,14 @@ pub enum XyzError {
         /// `3 or 6`, or how many the first line has.
         expected: &'static str,
     },
+    /// Numbers of a language in which a comma stands for the point.
+    #[error("line {line}: `{text}` has a decimal comma: write a point")]
+    DecimalComma {
+        /// The line, from 1.
+        line: usize,
+        /// The number.
+        text: String,
+    },
     /// Something else, or nothing.
     #[error("there is no point in the file")]
     Empty,
@@ -100,6 +108,9 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), XyzError> {
 fn numbers(text: &[u8], line: usize) -> Result<([f64; 6], usize), XyzError> {
     let mut numbers = [0.0; 6];
     let mut found = 0;
+    if let Some(word) = decimal_comma(text) {
+        return Err(XyzError::DecimalComma { line, text: excerpt(word) });
+    }
     let parts = text.split(|&byte| byte == b',').flat_map(words);
     for word in parts {
         let number = parse(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?;
@@ -109,6 +120,18 @@ fn numbers(text: &[u8], line: usize) -> Result<([f64; 6], usize), XyzError> {
         found += 1;
     }
     Ok((numbers, found))
+}
+
+/// The first number with a comma in it, if blanks part as many numbers as a line has.
+fn decimal_comma(text: &[u8]) -> Option<&[u8]> {
+    if !text.contains(&b',') {
+        return None;
+    }
+    let commas = |word: &[u8]| word.iter().filter(|&&byte| byte == b',').count();
+    let is_number =
+        |word: &[u8]| commas(word) <= 1 && !word.starts_with(b",") && !word.ends_with(b",");
+    let is_line = matches!(words(text).count(), 3 | 6) && words(text).all(is_number);
+    words(text).find(|word| is_line && commas(word) == 1)
 }
 
 /// Writes points with their colors, or else their normals.
@@ -248,6 +271,8 @@ mod tests {
         );
         assert_eq!(error("1 2 c\n"), "line 1: `c` is not a number");
         assert_eq!(error("# nothing\n"), "there is no point in the file");
+        let comma = "line 2: `2,5` has a decimal comma: write a point";
+        assert_eq!(error("1 2 3\n1 2,5 3\n"), comma);
     }
 
     #[test]
