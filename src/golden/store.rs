@@ -188,6 +188,11 @@ pub(crate) enum NoGolden {
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
     let file = |suffix: &str| crate::plain::read(&folder.join(format!("{name}{suffix}"))).ok();
     let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
+    // Which of both is wrong cannot be told.
+    let unlike = |suffix: &str| {
+        NoGolden::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
+    };
+    let gone = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is gone"));
     let text = file(".txt").ok_or(NoGolden::Missing)?;
     let text = String::from_utf8(text).map_err(|_| damaged(".txt"))?;
     let line = |line: &str| {
@@ -198,9 +203,10 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
     let golden = Golden { lines: text.lines().map(line).collect(), ..Golden::default() };
     if golden.line(FORM) == Some(THIS_FORM) {
         for (suffix, bytes) in [&bin, &png, &view] {
-            let was = golden.line(&kept_in(suffix));
-            if was != bytes.as_deref().map(content).as_deref() {
-                return Err(damaged(suffix));
+            match (golden.line(&kept_in(suffix)), bytes.as_deref().map(content)) {
+                (Some(_), None) => return Err(gone(suffix)),
+                (was, is) if was != is.as_deref() => return Err(unlike(suffix)),
+                _ => {}
             }
         }
     } else if bin.1.as_ref().is_some_and(|bytes| !bytes.starts_with(EARLIER)) {

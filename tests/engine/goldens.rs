@@ -124,7 +124,11 @@ fn a_damaged_golden_is_a_failure() {
     let found = failures(|folder| {
         std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden2\nxyz").unwrap();
     });
-    assert!(found.contains("blended.bin is damaged"), "{found}");
+    assert!(found.contains("blended.bin is not what blended.txt says of it"), "{found}");
+    let found = failures(|folder| {
+        std::fs::remove_file(folder.join("goldens/doll/long/blended.bin")).unwrap();
+    });
+    assert!(found.contains("blended.bin is gone"), "{found}");
 }
 
 #[test]
