@@ -175,15 +175,25 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
         Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
         Some("boolean") => "true | false".into(),
         Some(kind @ ("number" | "integer")) => {
-            let limit =
-                |names: [&str; 2]| names.into_iter().find_map(|name| schema.get(name)?.as_f64());
-            let (least, most) =
-                (limit(["minimum", "exclusiveMinimum"]), limit(["maximum", "exclusiveMaximum"]));
+            let limit = |name: &str| schema.get(name).and_then(Json::as_f64);
+            let (least, most) = (limit("minimum"), limit("maximum"));
+            // The narrower of two limits counts.
+            let above = limit("exclusiveMinimum");
+            let above = above.filter(|above| least.is_none_or(|least| least <= *above));
+            let below = limit("exclusiveMaximum");
+            let below = below.filter(|below| most.is_none_or(|most| *below <= most));
+            let lowest = above.map(|above| format!(" above {above}"));
+            let lowest = lowest.or_else(|| least.map(|least| format!(" from {least}")));
+            let highest = below.map(|below| format!(" below {below}"));
+            let highest = highest.or_else(|| most.map(|most| format!(" up to {most}")));
             match (least, most) {
-                (Some(least), Some(most)) => format!("{kind} {least} to {most}{unit}"),
-                (Some(least), None) => format!("{kind} from {least}{unit}"),
-                (None, Some(most)) => format!("{kind} up to {most}{unit}"),
-                (None, None) => format!("{kind}{unit}"),
+                (Some(least), Some(most)) if above.or(below).is_none() => {
+                    format!("{kind} {least} to {most}{unit}")
+                }
+                _ => {
+                    let range = Vec::from_iter(lowest.into_iter().chain(highest)).join(",");
+                    format!("{kind}{range}{unit}")
+                }
             }
         }
         _ => "value".into(),
@@ -212,4 +222,28 @@ fn describe_content(content: &Json, root: &Json, within: &[&str]) -> String {
 pub(crate) fn describe_default(schema: &Json, root: &Json) -> String {
     let default = schema.get("default");
     default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_say_whether_their_ends_belong_to_them() {
+        for (schema, told) in [
+            (json!({}), "number"),
+            (json!({ "minimum": 0.0 }), "number from 0"),
+            (json!({ "minimum": 0.0, "maximum": 1.0 }), "number 0 to 1"),
+            (json!({ "maximum": 1.0, "unit": "mm" }), "number up to 1 mm"),
+            // The narrower of two limits counts.
+            (json!({ "minimum": 0.0, "exclusiveMinimum": 0.0, "unit": "mm" }), "number above 0 mm"),
+            (json!({ "minimum": 1.0, "exclusiveMinimum": 0.0 }), "number from 1"),
+            (json!({ "exclusiveMinimum": 0.0, "maximum": 2.0 }), "number above 0, up to 2"),
+            (json!({ "minimum": 0.0, "exclusiveMaximum": 2.0 }), "number from 0, below 2"),
+        ] {
+            let mut schema = schema;
+            schema["type"] = "number".into();
+            assert_eq!(describe_parameter(&schema, &json!({})), told);
+        }
+    }
 }
