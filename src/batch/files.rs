@@ -1,6 +1,6 @@
 //! Files that tasks differ by, and what of the graph they take the place of.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::axis::{Reader, Row, Rows, Set};
@@ -51,12 +51,46 @@ impl Reader<'_> {
             "" => ("file".to_owned(), span),
             name => (name.to_owned(), meant.place("name")),
         };
-        let folders = Vec::from_iter(found.iter().map(|found| found.path.clone()));
-        let rows = Vec::from_iter(found.into_iter().map(|found| self.file(found, meant, &own)));
+        let (mut fitting, mut rows, mut others) = (Vec::new(), Vec::new(), Vec::new());
+        for Found { path, name } in found {
+            match self.file(&path, name, meant, &own) {
+                Some(row) => {
+                    fitting.push(path);
+                    rows.push(row);
+                }
+                None => others.push(path),
+            }
+        }
+        self.unfit(&own, &others, rows.is_empty(), span);
         if self.findings.is_empty() {
-            self.mixed(&own, &folders, &rows, span);
+            self.mixed(&own, &fitting, &rows, span);
         }
         Rows { names: vec![named], rows }
+    }
+
+    /// Tells of files and folders that stand for nothing that the graph reads: they are left out, unless that would leave none.
+    fn unfit(&mut self, own: &[(String, PathBuf)], paths: &[PathBuf], is_all: bool, at: Span) {
+        for path in paths.iter().take(if is_all { 1 } else { paths.len() }) {
+            let shown = path_between(self.folder, path);
+            let what = match path.is_dir() && !own.is_empty() {
+                true => {
+                    let read = own.iter().filter_map(|(_, read)| read.file_name());
+                    let read = read.map(|name| format!("`{}`", name.display()));
+                    let read = Vec::from_iter(BTreeSet::from_iter(read)).join(", ");
+                    format!("`{shown}` has none of the files that the graph reads ({read})")
+                }
+                false => format!("the graph reads no file that `{shown}` could stand for"),
+            };
+            let (code, note) = (code::MISSING_FIELD, None);
+            let help = "say which: `set: \"node.field\"` or `input: \"name\"`".into();
+            match is_all {
+                true => self.find(code, at, what, help),
+                false => {
+                    let message = format!("{what}: it is left out");
+                    self.warnings.push(Finding { code, span: at, message, help, note });
+                }
+            }
+        }
     }
 
     /// Warns of folders without a file that others have: with theirs goes that of the graph, which most likely is of another scan.
@@ -78,30 +112,32 @@ impl Reader<'_> {
         }
     }
 
-    /// A file, or a folder of files; `own` are those that the graph reads, by what names them.
-    fn file(&mut self, found: Found, meant: &Meant<'_>, own: &[(String, PathBuf)]) -> Row {
-        let Found { path, name } = found;
+    /// A file, or a folder of files; `own` are those that the graph reads, by what names them. None if it stands for none of them.
+    fn file(
+        &mut self,
+        path: &Path,
+        name: String,
+        meant: &Meant<'_>,
+        own: &[(String, PathBuf)],
+    ) -> Option<Row> {
         let mut row = Row { values: vec![name], ..Row::default() };
         let is_folder = path.is_dir();
-        let folder = if is_folder { path.clone() } else { path.with_file_name("") };
+        let folder = if is_folder { path.to_owned() } else { path.with_file_name("") };
         let mut files: Vec<(String, PathBuf)> =
             meant.beside.iter().map(|(target, file)| (target.clone(), folder.join(file))).collect();
         if !meant.input.is_empty() {
-            row.inputs.push((meant.input.to_owned(), path));
+            row.inputs.push((meant.input.to_owned(), path.to_owned()));
         } else if !meant.set.is_empty() {
-            files.push((meant.set.to_owned(), path));
+            files.push((meant.set.to_owned(), path.to_owned()));
         } else {
             let before = files.len();
             files.extend(own.iter().filter_map(|(target, read)| {
-                let file = if is_folder { path.join(read.file_name()?) } else { path.clone() };
+                let file = if is_folder { path.join(read.file_name()?) } else { path.to_owned() };
                 let fits = if is_folder { file.is_file() } else { has_ending(&file, read) };
                 fits.then(|| (target.clone(), file))
             }));
             if files.len() == before && meant.beside.is_empty() {
-                let message =
-                    format!("the graph reads no file that `{}` could stand for", path.display());
-                let help = "say which: `set: \"node.field\"` or `input: \"name\"`";
-                self.find(code::MISSING_FIELD, meant.place("pattern"), message, help);
+                return None;
             }
         }
         let of = if meant.set.is_empty() { meant.tree.span } else { meant.place("set") };
@@ -117,7 +153,7 @@ impl Reader<'_> {
             let span = meant.place("pattern");
             row.set.push(Set { target, text: quoted(&given), span, of });
         }
-        row
+        Some(row)
     }
 }
 

@@ -460,6 +460,28 @@ fn a_graph_and_options_stand_for_a_sweep() {
 }
 
 #[test]
+fn what_is_no_scan_is_left_out() {
+    let project = scanned(&["a"], "");
+    fs::remove_file(project.folder().join("doll.sweep.ron")).unwrap();
+    fs::create_dir(project.folder().join("scans/broken-off")).unwrap();
+    write(&project, "scans/notes.txt", "by hand");
+    let words = ["batch", "doll.ron", "--scans", "scans/*"];
+    let output = project.maquette(&[&words[..], &["--json"]].concat());
+    let document: Json = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(names(&document, |task| task["state"] == "done"), ["a"]);
+    let told = document["problems"].as_array().unwrap().iter().map(|it| &it["message"]);
+    let expected = [
+        "`scans/broken-off` has none of the files that the graph reads (`color.png`, `range.pcd`): it is left out",
+        "the graph reads no file that `scans/notes.txt` could stand for: it is left out",
+    ];
+    assert_eq!(Vec::from_iter(told), expected);
+    fs::remove_dir_all(project.folder().join("scans/a")).unwrap();
+    let output = project.maquette(&words);
+    let err = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && err.contains("has none of the files"), "{err}");
+}
+
+#[test]
 fn graphs_with_inputs_are_swept_over_files() {
     let project = Project::doll();
     fs::create_dir(project.folder().join("lib")).unwrap();
