@@ -31,7 +31,7 @@ pub struct Triangulate {
     #[serde(default = "grazing")]
     pub grazing: f64,
     /// How often borders are smoothed; 0 leaves them the steps of the grid. No vertex moves by more than one cell, none along the
-    /// border of the grid.
+    /// border of the grid. A triangle or two by themselves, which would shrink to a point, are left out.
     #[schemars(range(max = 1000))]
     #[serde(default = "twenty")]
     pub smooth_border: u32,
@@ -100,7 +100,7 @@ impl Node for Triangulate {
 ///
 /// Vertices are the cells of the triangles, row by row from the top; a cell in which several fans of triangles meet that share
 /// no edge comes once for each fan, so that the mesh is manifold. Those along borders are smoothed as often as `smooth_border`
-/// says. Vertex attributes are `uv`, `filled` if a vertex is a filled cell, and `color` if the range image has colors.
+/// says, and a triangle or two by themselves, which would shrink to a point then, are left out. Vertex attributes are `uv`, `filled` if a vertex is a filled cell, and `color` if the range image has colors.
 ///
 /// # Errors
 /// If no cell is valid, or the grid has more cells than a mesh can hold.
@@ -114,29 +114,38 @@ pub fn triangulate(
     let (width, height, points) = (range.width(), range.height(), range.points());
     let joins = Joins::new(range, jump, grazing);
     let joined = |quad: usize| range.joined(quad);
-    let triangles = grid_triangles(width, height, points, joined, |triangle, corners| {
+    let mut triangles = grid_triangles(width, height, points, joined, |triangle, corners| {
         let is_joined = || joined(triangle.quad as usize) & triangle.half.bit() != 0;
         double_area(corners).norm_squared() > 0.0 && (joins.holds(corners) || is_joined())
     });
     let looks_away =
         |triangle: &&GridTriangle| joins.looks_away(triangle.cells(width).map(|cell| points[cell]));
-    let each = || triangles.par_iter().with_min_len(BLOCK);
     // In a grid whose columns run to the left, or whose rows run up, all triangles are the wrong way round.
-    let is_mirrored = triangles.len() < 2 * each().filter(looks_away).count();
-    let fans = Fans::new(width, height, &triangles);
-    let cells = fans.vertices();
-    let face = |triangle: &GridTriangle| {
-        let [a, b, c] = fans.face(width, *triangle);
-        if is_mirrored { [a, c, b] } else { [a, b, c] }
+    let away = triangles.par_iter().with_min_len(BLOCK).filter(looks_away).count();
+    let is_mirrored = triangles.len() < 2 * away;
+    let (cells, faces, positions, places) = loop {
+        let fans = Fans::new(width, height, &triangles);
+        let cells = fans.vertices();
+        let face = |triangle: &GridTriangle| {
+            let [a, b, c] = fans.face(width, *triangle);
+            if is_mirrored { [a, c, b] } else { [a, b, c] }
+        };
+        let faces: Vec<[u32; 3]> = triangles.par_iter().with_min_len(BLOCK).map(face).collect();
+        let vertices = || cells.par_iter().with_min_len(BLOCK);
+        let mut positions: Vec<Point3<f64>> = vertices().map(|&cell| points[cell]).collect();
+        let place = |&cell: &usize| [(cell % width) as f64, (cell / width) as f64];
+        let mut places: Vec<[f64; 2]> = vertices().map(place).collect();
+        let is_border = |vertex: u32| fans.wedges[cells[vertex as usize]] != u8::MAX;
+        let border = Border::new(&faces, is_border);
+        let specks =
+            border.smooth(smooth_border, [width, height], &faces, &mut positions, &mut places);
+        if specks.is_empty() {
+            break (cells, faces, positions, places);
+        }
+        let mut numbers = 0..;
+        triangles
+            .retain(|_| numbers.next().is_none_or(|face| specks.binary_search(&face).is_err()));
     };
-    let faces: Vec<[u32; 3]> = each().map(face).collect();
-    let vertices = || cells.par_iter().with_min_len(BLOCK);
-    let mut positions: Vec<Point3<f64>> = vertices().map(|&cell| points[cell]).collect();
-    let place = |&cell: &usize| [(cell % width) as f64, (cell / width) as f64];
-    let mut places: Vec<[f64; 2]> = vertices().map(place).collect();
-    let is_border = |vertex: u32| fans.wedges[cells[vertex as usize]] != u8::MAX;
-    let border = Border::new(&faces, is_border);
-    border.smooth(smooth_border, [width, height], &mut positions, &mut places);
     let mesh = Mesh::new(positions, Faces::triangles(faces))?.with_frame(Some(frame));
     with_attributes(mesh, range, &cells, &places)
 }
@@ -380,6 +389,33 @@ mod tests {
         for (uv, point) in uv.iter().zip(smooth.positions().iter()) {
             let there = map.uv_from_range([point.x, point.y]);
             assert!((0..2).all(|k| (uv[k] - there[k]).abs() < 1e-12));
+        }
+    }
+
+    #[test]
+    fn small_holes_keep_the_areas_around_them_and_specks_are_left_out() {
+        let range = drawn(&[
+            "............",
+            "..##........",
+            "..#.....##..",
+            "........##..",
+            "............",
+            "############",
+            "############",
+            "#####.######",
+            "############",
+            "####..######",
+            "############",
+            "############",
+        ]);
+        let steps = triangulate(&range, 6.0, 85.0, 0).unwrap();
+        // The single one shrinks faster than both of the others.
+        for (rounds, specks) in [(1, 0), (6, 1), (20, 3), (100, 3)] {
+            let mesh = triangulate(&range, 6.0, 85.0, rounds).unwrap();
+            assert_eq!(steps.faces().len() - mesh.faces().len(), specks, "{rounds}");
+            let areas = mesh.faces().iter().map(|face| mesh.area_vector(face).norm());
+            let least = areas.fold(f64::INFINITY, f64::min);
+            assert!(4e-4 < least, "{rounds}: {least}");
         }
     }
 
