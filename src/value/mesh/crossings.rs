@@ -53,28 +53,47 @@ impl Mesh {
 }
 
 /// Whether an edge of one triangle pierces the other one. One with a corner in common begins on the other and pierces nothing.
+///
+/// Of two triangles that meet so, each has corners on both sides of the other's plane: most pairs are decided by three signs. Those of a
+/// triangle without area, which has no plane, are all 0.
 fn cross(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
-    let pierces = |a: [u32; 3], b: [u32; 3]| {
-        (0..3).any(|k| {
-            let ends = [a[k], a[(k + 1) % 3]];
-            !ends.iter().any(|end| b.contains(end)) && {
-                let [p, q] = ends.map(|it| mesh.positions()[it as usize]);
-                pierces(p, q, b.map(|it| mesh.positions()[it as usize]))
-            }
-        })
-    };
-    pierces(a, b) || pierces(b, a)
-}
-
-fn pierces(p: Point3<f64>, q: Point3<f64>, [u, v, w]: [Point3<f64>; 3]) -> bool {
-    let coord = |it: Point3<f64>| Coord3D { x: it.x, y: it.y, z: it.z };
-    let side = |a, b, c, d| orient3d(coord(a), coord(b), coord(c), coord(d));
-    let sides = [side(u, v, w, p), side(u, v, w, q)];
-    if !(sides[0] < 0.0 && 0.0 < sides[1] || sides[1] < 0.0 && 0.0 < sides[0]) {
+    if 2 <= a.iter().filter(|corner| b.contains(corner)).count() {
         return false;
     }
-    let around = [side(p, q, u, v), side(p, q, v, w), side(p, q, w, u)];
-    around.iter().all(|x| *x > 0.0) || around.iter().all(|x| *x < 0.0)
+    let of_a = sides(mesh, a, b);
+    let may_be_pierced = straddles(of_a) || of_a == [0.0; 3];
+    pierces(mesh, (a, of_a), b) || may_be_pierced && pierces(mesh, (b, sides(mesh, b, a)), a)
+}
+
+/// On which side of a triangle's plane the corners of another one are, by sign; those that it has itself are in it.
+fn sides(mesh: &Mesh, corners: [u32; 3], plane: [u32; 3]) -> [f64; 3] {
+    corners.map(|corner| if plane.contains(&corner) { 0.0 } else { side(mesh, plane, corner) })
+}
+
+fn straddles(sides: [f64; 3]) -> bool {
+    sides.iter().any(|side| *side < 0.0) && sides.iter().any(|side| 0.0 < *side)
+}
+
+/// Whether an edge of a triangle pierces another one, on whose sides its corners are so.
+fn pierces(mesh: &Mesh, (corners, sides): ([u32; 3], [f64; 3]), [u, v, w]: [u32; 3]) -> bool {
+    let edges = [[0, 1], [1, 2], [2, 0]].into_iter();
+    let mut through = edges
+        .filter(|&[p, q]| sides[p] < 0.0 && 0.0 < sides[q] || sides[q] < 0.0 && 0.0 < sides[p]);
+    through.any(|ends| {
+        let [p, q] = ends.map(|end| corners[end]);
+        let around = [[u, v], [v, w], [w, u]].map(|[from, to]| side(mesh, [p, q, from], to));
+        around.iter().all(|x| *x > 0.0) || around.iter().all(|x| *x < 0.0)
+    })
+}
+
+/// On which side of the plane through three vertices a fourth one is: the sign of a determinant.
+fn side(mesh: &Mesh, plane: [u32; 3], corner: u32) -> f64 {
+    let coord = |vertex: u32| {
+        let Point3 { coords } = mesh.positions()[vertex as usize];
+        Coord3D { x: coords.x, y: coords.y, z: coords.z }
+    };
+    let [a, b, c] = plane.map(coord);
+    orient3d(a, b, c, coord(corner))
 }
 
 #[cfg(test)]
@@ -111,5 +130,38 @@ mod tests {
         let places =
             vec![at(0., 0., 0.), at(4., 0., 0.), at(0., 4., 0.), at(2., 1., -1.), at(1., 2., 1.)];
         assert_eq!(crossings(places, &[[0, 1, 2], [0, 3, 4]]), [[0, 1]]);
+    }
+
+    /// The definition, edge by edge.
+    fn meets(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
+        let pierces = |a: [u32; 3], b: [u32; 3]| {
+            [[0, 1], [1, 2], [2, 0]].into_iter().any(|ends| {
+                let [p, q] = ends.map(|end| a[end]);
+                let [u, v, w] = b;
+                let ends = side(mesh, b, p) * side(mesh, b, q);
+                let around = [[u, v], [v, w], [w, u]].map(|[f, t]| side(mesh, [p, q, f], t));
+                let is_inside = around.iter().all(|x| *x > 0.0) || around.iter().all(|x| *x < 0.0);
+                !b.contains(&p) && !b.contains(&q) && ends < 0.0 && is_inside
+            })
+        };
+        pierces(a, b) || pierces(b, a)
+    }
+
+    #[test]
+    fn triangles_of_a_lattice_cross_as_their_edges_pierce() {
+        // Many of them lie in one plane, touch, or have no area.
+        let places = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from));
+        let places = Vec::from_iter(places.map(Point3::from));
+        let mesh = Mesh::new(places, Faces::triangles(Vec::new())).unwrap();
+        let triangles =
+            Vec::from_iter((0..27 * 27 * 27).step_by(61).map(|k| [k % 27, k / 27 % 27, k / 729]));
+        let mut found = 0;
+        for &a in &triangles {
+            for &b in &triangles {
+                assert_eq!(cross(&mesh, a, b), meets(&mesh, a, b), "{a:?} {b:?}");
+                found += usize::from(meets(&mesh, a, b));
+            }
+        }
+        assert!(1000 < found, "{found}");
     }
 }
