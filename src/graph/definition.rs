@@ -223,7 +223,10 @@ impl<'a> Check<'_, 'a> {
 
     /// The file of another graph, if it may be read now: not while it is being read.
     pub(super) fn enter(&mut self, given: &str, span: Span) -> Option<FoundGraph> {
-        let path = self.sheet.folder_of(span).join(given);
+        let folder = self.sheet.folder_of(span);
+        let path = folder.join(given);
+        // That of a file that is still to be written may not be there, and nothing is found through it.
+        let path = if folder.is_dir() { path } else { without_dots(&path) };
         self.world.subgraphs.push(path.clone());
         let is_there = |problem: &PathProblem| {
             matches!(problem, PathProblem::Missing { .. }) && self.world.options.has_text(&path)

@@ -177,6 +177,29 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
 }
 
 #[test]
+fn a_use_goes_into_a_folder_that_is_not_there_yet() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    put("maquette.toml", "");
+    put("part.obj", "v 0 0 0\nv 5 0 0\nv 5 5 0\nf 1 2 3\n");
+    put(
+        "moved.ron",
+        r#"Graph(format: 1, inputs: {"mesh": Mesh(doc: "")}, nodes: {"t": Transform(mesh: "mesh", translate: (1, 0, 0))}, outputs: {"mesh": "t"})"#,
+    );
+    let text = r#"Graph(format: 1, use: {"Moved": "moved.ron"}, nodes: {"a": ReadMesh(path: "part.obj"), "b": Moved(mesh: "a")}, outputs: {"b.ply": "b"})"#;
+    let path = put("graph.ron", text);
+    let to = Some(folder.path().join("new/deep/part.ron"));
+    let wanted = Extraction { nodes: vec!["b".into()], to, ..Extraction::default() };
+    let done = Graph::extract(&path, text, &wanted, catalog(), &Options::default());
+    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    assert!(done.text.contains(r#"use: { "Moved": "../../moved.ron" }"#), "{}", done.text);
+}
+
+#[test]
 fn lines_end_and_begin_as_they_do_in_the_graph() {
     let wanted = wish(&["red", "spots"], "nowhere/mark.ron");
     let of = |text: &str| {
