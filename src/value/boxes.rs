@@ -31,8 +31,11 @@ impl Bounds {
     }
 }
 
-/// BoxTree of a leaf.
+/// Boxes of a leaf.
 const LEAF: usize = 4;
+
+/// From so many boxes on, both halves of a tree grow at once.
+const FOR_TWO: usize = 1 << 14;
 
 /// Some boxes, in a tree: each node is followed by those below it.
 pub struct BoxTree {
@@ -86,8 +89,16 @@ fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: usize) {
             middle(a).total_cmp(&middle(b)).then(i.cmp(j))
         });
         let (low, high) = own.split_at_mut(count / 2);
-        grow(nodes, low, first);
-        grow(nodes, high, first + count / 2);
+        let behind = first + count / 2;
+        if count < FOR_TWO {
+            grow(nodes, low, first);
+            grow(nodes, high, behind);
+        } else {
+            let (mut lower, mut higher) = (Vec::new(), Vec::new());
+            rayon::join(|| grow(&mut lower, low, first), || grow(&mut higher, high, behind));
+            nodes.append(&mut lower);
+            nodes.append(&mut higher);
+        }
     }
     nodes[node].below = (nodes.len() - node) as u32 - 1;
 }
@@ -103,7 +114,7 @@ mod tests {
                 Point3::new(f64::from(k * 7 % 31), f64::from(k * 11 % 17), f64::from(k * 5 % 13));
             Bounds { low: at, high: at + nalgebra::Vector3::repeat(f64::from(k % 4)) }
         };
-        for count in [0, 1, 4, 5, 200] {
+        for count in [0, 1, 4, 5, 200, 2 * FOR_TWO as u32 + 1] {
             let boxes = BoxTree::new((0..count).map(cube));
             for of in (0..30).map(|k| cube(3 * k)) {
                 let mut found = Vec::new();
