@@ -100,7 +100,8 @@ impl Node for Triangulate {
 ///
 /// Vertices are the cells of the triangles, row by row from the top; a cell in which several fans of triangles meet that share
 /// no edge comes once for each fan, so that the mesh is manifold. Those along borders are smoothed as often as `smooth_border`
-/// says, and a triangle or two by themselves, which would shrink to a point then, are left out. Vertex attributes are `uv`, `filled` if a vertex is a filled cell, and `color` if the range image has colors.
+/// says, and a triangle or two by themselves, which would shrink to a point then, are left out. Vertex attributes are `uv`,
+/// `filled` if a vertex is a filled cell, and `color` if the range image has colors.
 ///
 /// # Errors
 /// If no cell is valid, or the grid has more cells than a mesh can hold.
