@@ -355,16 +355,32 @@ fn news(known: &[Problem], problems: Vec<Problem>, other_names: bool) -> Vec<Pro
     news
 }
 
-/// How a value may be meant: as RON, and as a text that was given without its quotes, for a bare word may be either.
+/// How a value may be meant: as RON, and as a text or a list of texts that was given without quotes, for bare words may be either.
 fn spellings(value: &str) -> Vec<String> {
     let (tree, mistakes) = parse(value);
     if !mistakes.is_empty() {
-        return vec![quoted(value)];
+        return vec![list_of_texts(value).unwrap_or_else(|| quoted(value))];
     }
     // Without comments and spaces around it.
     let plain = value[tree.span.start..tree.span.end].to_owned();
-    match tree.kind {
-        Kind::Word(_) => vec![plain, quoted(value)],
-        _ => vec![plain],
-    }
+    let texts = match tree.kind {
+        Kind::Word(_) => Some(quoted(value)),
+        Kind::List(items) if items.iter().any(|item| matches!(item.kind, Kind::Word(_))) => {
+            list_of_texts(&plain)
+        }
+        _ => None,
+    };
+    std::iter::once(plain).chain(texts).collect()
+}
+
+/// `[scan.color, "mask"]` with all in quotes; none if it is no list of such words.
+fn list_of_texts(value: &str) -> Option<String> {
+    let items = value.trim().strip_prefix('[')?.strip_suffix(']')?.trim();
+    let items = items.strip_suffix(',').unwrap_or(items).split(',').map(str::trim);
+    let written = |item: &str| {
+        let word = item.strip_prefix('"').and_then(|item| item.strip_suffix('"')).unwrap_or(item);
+        let is_bare = |c: char| c.is_alphanumeric() || "_-.".contains(c);
+        (!word.is_empty() && word.chars().all(is_bare)).then(|| quoted(word))
+    };
+    Some(format!("[{}]", items.map(written).collect::<Option<Vec<_>>>()?.join(", ")))
 }

@@ -24,6 +24,19 @@ fn a_word_is_meant_as_a_link_where_a_port_is() {
 }
 
 #[test]
+fn words_of_a_list_are_meant_as_links_where_a_port_takes_many() {
+    for list in ["[skin, model]", "[ skin,\"model\", ]", "[skin.mesh, model.mesh]"] {
+        let text = edited(DOLL, &[add("all", "Merge", &[("meshes", list)], None)]).unwrap();
+        let links = if list.contains('.') {
+            "\"skin.mesh\", \"model.mesh\""
+        } else {
+            "\"skin\", \"model\""
+        };
+        assert!(text.contains(&format!("\"all\": Merge(meshes: [{links}]),\n    }},")), "{text}");
+    }
+}
+
+#[test]
 fn a_long_node_is_broken_as_fmt_breaks_it() {
     let points = format!("[{}]", ["[(0, 0, 0), (100, 0, 0), (200, 0, 0)]"; 3].join(", "));
     let text = edited(DOLL, &[add("points", "PointNet", &[("points", &points)], Some("red"))]);
