@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use maquette::value::{Faces, Mesh, MeshError};
 use maquette::{Context, Error, Node, Promise};
 use nalgebra::{Point3, Vector3};
-use schemars::JsonSchema;
+use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -30,7 +30,7 @@ pub enum Shape {
     /// A box with its sides along the axes: six quads.
     Box {
         /// How long its sides are along x, y and z.
-        #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
+        #[schemars(extend("unit" = "mm", "items" = json_schema!({ "type": "number", "exclusiveMinimum": 0.0 })))]
         size: [f64; 3],
     },
     /// A cylinder along y: quads around, and two polygons.
