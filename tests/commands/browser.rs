@@ -200,6 +200,8 @@ fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child>
     command.args(["--disable-sync", "--hide-scrollbars", "--force-device-scale-factor=1"]);
     command.arg(format!("--user-data-dir={}", profile.display())).arg("--window-size=1400,900");
     command.args(more);
+    // What it leaves when it is killed goes with the profile.
+    command.env("TMPDIR", profile);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()
 }
 
