@@ -8,12 +8,13 @@ use bytemuck::{NoUninit, Pod};
 
 use super::Hash;
 use crate::memory::huge_vec;
-use crate::parallel::*;
 
 mod blocks;
 mod changed;
+mod line;
 
 use blocks::{Blocks, of_one_block};
+use line::{Line, Spare, copy};
 
 /// A list of plain items: cloning it copies nothing, and its hash is computed when first asked for.
 #[derive(Clone)]
@@ -24,16 +25,25 @@ struct Shared<T> {
     hash: OnceLock<Hash>,
     /// Of a column that has several.
     blocks: OnceLock<Blocks>,
+    /// Of a large column of which others were made, or that was made of another one.
+    line: OnceLock<Arc<Line<T>>>,
 }
 
 impl<T> Shared<T> {
     fn new(items: Vec<T>) -> Self {
-        Self { items, hash: OnceLock::new(), blocks: OnceLock::new() }
+        Self { items, hash: OnceLock::new(), blocks: OnceLock::new(), line: OnceLock::new() }
     }
 }
 
-/// Items that are copied at once: enough to outweigh the cost of giving them to a thread.
-const COPIED: usize = 1 << 14;
+impl<T> Drop for Shared<T> {
+    /// What nobody has any more becomes a spare of the next one of its line, if there will be any.
+    fn drop(&mut self) {
+        let (Some(line), Some(blocks)) = (self.line.take(), self.blocks.take()) else { return };
+        if Arc::strong_count(&line) > 1 {
+            line.put(Spare { items: std::mem::take(&mut self.items), blocks });
+        }
+    }
+}
 
 impl<T: NoUninit + Send + Sync> Column<T> {
     /// The hash of the items' bytes and their number.
@@ -71,16 +81,24 @@ impl<T: NoUninit + Send + Sync> Column<T> {
 }
 
 impl<T: Pod + Send + Sync> Column<T> {
-    /// The same column with other items in some rows: those of all rows, one row after the other. All are copied, but only what is around
-    /// those that are others is hashed again.
+    /// The same column with other items in some rows: those of all rows, one row after the other. Only what is around those that are others
+    /// is hashed again. All are copied, but where a large column that was made of this one, or of which this one was made, is gone: of
+    /// its copy only what has changed since.
     ///
     /// # Panics
     /// If there are no such rows, or more or fewer items than they take.
     #[must_use]
     pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
-        let mut items: Vec<T> = huge_vec(self.len());
-        let copies = items.par_chunks_mut(COPIED).zip(self.par_chunks(COPIED));
-        copies.for_each(|(to, from)| to.copy_from_slice(from));
+        let is_large = line::LEAST <= self.size();
+        let line = is_large.then(|| self.0.line.get_or_init(|| Arc::new(Line::new())));
+        let mut items = match line.and_then(|line| line.take()) {
+            Some(spare) => spare.turned_into(self, self.blocks()),
+            None => {
+                let mut items = huge_vec(self.len());
+                copy(self, &mut items);
+                items
+            }
+        };
         let mut rest = others;
         let mut changed = Vec::new();
         for row in rows.iter().map(|row| row.start as usize..row.end as usize) {
@@ -91,9 +109,12 @@ impl<T: Pod + Send + Sync> Column<T> {
         }
         assert!(rest.is_empty(), "more items than rows");
         let column = Self(Arc::new(Shared::new(items)));
+        if let Some(line) = line {
+            // Nobody else knows the column yet: neither this nor what follows is there.
+            let _ = column.0.line.set(line.clone());
+        }
         if of_one_block(0, self.bytes()).is_none() {
             let blocks = self.blocks().after(&changed, size_of::<T>(), column.bytes());
-            // Nobody else knows the column yet.
             let _ = column.0.blocks.set(blocks);
         }
         column
@@ -124,7 +145,9 @@ impl<T> Column<T> {
 
     /// A column of which the hash is known.
     pub(super) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
-        Self(Arc::new(Shared { hash: hash.into(), ..Shared::new(items) }))
+        let column = Self(Arc::new(Shared::new(items)));
+        let _ = column.0.hash.set(hash);
+        column
     }
 }
 
@@ -194,6 +217,59 @@ mod tests {
             assert_eq!(other.hash(), Column::from(items).hash());
             assert_eq!(column.with_rows(&[], &[]).hash(), column.hash());
         }
+    }
+
+    /// Columns are made of any others of a line, and dropped in any order: each has the items and the hash that it should have.
+    #[test]
+    fn a_column_made_of_what_is_left_of_others_is_as_one_made_anew() {
+        let mut random = 20_070_115_u64;
+        let mut below = |most: usize| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (random >> 33) as usize % most
+        };
+        let len = line::LEAST / size_of::<[f64; 3]>() + 1;
+        let first = Vec::from_iter((0..len).map(|k| [k as f64, 0.0, -1.0]));
+        let mut known = vec![(Column::from(first.clone()), first)];
+        let mut from_spares = 0;
+        for step in 0..300 {
+            let (column, mut items) = known[below(known.len())].clone();
+            // Few rows, and now and then most of them.
+            let most = if below(10) == 0 { len } else { 1 + len / 50 };
+            let starts = [below(len / 2), len / 2 + below(len / 2)];
+            let rows = starts.map(|start| {
+                (start, (start + below(most)).min(if start < len / 2 { len / 2 } else { len }))
+            });
+            let others =
+                Vec::from_iter(rows.iter().flat_map(|&(start, end)| {
+                    (start..end).map(|k| [k as f64, f64::from(step), 0.5])
+                }));
+            rows.iter().for_each(|&(start, end)| {
+                (start..end).for_each(|k| items[k] = [k as f64, f64::from(step), 0.5]);
+            });
+            from_spares += usize::from(column.0.line.get().is_some_and(|line| line.has_spare()));
+            let made =
+                column.with_rows(&rows.map(|(start, end)| start as u32..end as u32), &others);
+            assert!(made[..] == items[..] && made.hash() == Column::from(items.clone()).hash());
+            known.push((made, items));
+            if 1 + below(4) < known.len() {
+                known.swap_remove(below(known.len()));
+            }
+        }
+        assert!(from_spares > 100, "{from_spares}");
+        for (column, items) in known {
+            assert!(column[..] == items[..]);
+        }
+    }
+
+    #[test]
+    fn nothing_is_left_of_the_last_column_of_a_line() {
+        let column = Column::from(vec![0_u8; line::LEAST]);
+        let other = column.with_rows(&[7..8, 8..8], &[1]);
+        let line = Arc::downgrade(column.0.line.get().unwrap());
+        drop(column);
+        assert!(line.upgrade().unwrap().has_spare());
+        drop(other);
+        assert!(line.upgrade().is_none());
     }
 
     #[test]

@@ -1,0 +1,65 @@
+//! Columns that are made of each other, one after the other, as a hand moves: of what is gone the next one is made.
+//!
+//! Fresh memory costs more than the copy that goes into it, and of a copy that was right some moves ago only what has changed since has to
+//! be copied.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::blocks::Blocks;
+use crate::parallel::*;
+
+/// Below this many bytes a copy costs next to nothing.
+pub(super) const LEAST: usize = 1 << 20;
+
+/// Items that are copied at once: enough to outweigh the cost of giving them to a thread.
+const COPIED: usize = 1 << 14;
+
+/// What is left of columns of as many items each.
+pub(super) struct Line<T>(Mutex<Option<Spare<T>>>);
+
+/// The items of a column that nobody has any more, and what tells them.
+pub(super) struct Spare<T> {
+    pub(super) items: Vec<T>,
+    pub(super) blocks: Blocks,
+}
+
+impl<T> Line<T> {
+    pub(super) fn new() -> Self {
+        Self(Mutex::new(None))
+    }
+
+    /// Keeps a spare, in place of an older one.
+    pub(super) fn put(&self, spare: Spare<T>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(spare);
+    }
+
+    #[cfg(test)]
+    pub(super) fn has_spare(&self) -> bool {
+        self.0.lock().unwrap().is_some()
+    }
+
+    pub(super) fn take(&self) -> Option<Spare<T>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+impl<T: Copy + Send + Sync> Spare<T> {
+    /// The items of a column of the same line, which these blocks tell.
+    pub(super) fn turned_into(mut self, items: &[T], blocks: &Blocks) -> Vec<T> {
+        let stale = blocks.changed(&self.blocks, items.len(), size_of::<T>());
+        let stale = stale.iter().map(|row| row.start as usize..row.end as usize);
+        let count: usize = stale.clone().map(|row| row.len()).sum();
+        if items.len() / 4 < count {
+            copy(items, &mut self.items);
+        } else {
+            stale.for_each(|row| self.items[row.clone()].copy_from_slice(&items[row]));
+        }
+        self.items
+    }
+}
+
+/// Copies all items, on all threads.
+pub(super) fn copy<T: Copy + Send + Sync>(from: &[T], to: &mut [T]) {
+    let copies = to.par_chunks_mut(COPIED).zip(from.par_chunks(COPIED));
+    copies.for_each(|(to, from)| to.copy_from_slice(from));
+}
