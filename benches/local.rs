@@ -13,7 +13,7 @@ use std::time::Instant;
 use maquette::value::Mesh;
 use maquette::{
     AnyValue, CancelToken, Carry, Catalog, Checked, Context, Error, Evaluator, Fate, Graph, In,
-    Node, Options, OutputFolder, Pack, Session, Settings, node,
+    Node, Options, OutputFolder, Pack, Promise, Session, Settings, node,
 };
 use maquette_nodes::subdivision::{Plan, Scheme, Subdivision};
 use schemars::JsonSchema;
@@ -43,6 +43,12 @@ impl Node for Push {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
     const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+    ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

@@ -52,6 +52,11 @@ pub trait ParallelSliceMut<T: Send> {
     /// # Panics
     /// If `size` is 0.
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
+    /// The items in these rows, so many at once, fewer at the end of each row; with their places.
+    ///
+    /// # Panics
+    /// If there are no such rows, or they are not in order and apart from each other; if `size` is 0.
+    fn par_rows_mut(&mut self, rows: &[Range<u32>], size: usize) -> Owned<(Range<u32>, &mut [T])>;
     /// Sorts; equal items change places.
     fn par_sort_unstable(&mut self)
     where
@@ -88,6 +93,23 @@ impl<T: Send> ParallelSliceMut<T> for [T] {
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
         assert!(size > 0, "chunks without items");
         ChunksMut { items: self, size }
+    }
+
+    fn par_rows_mut(&mut self, rows: &[Range<u32>], size: usize) -> Owned<(Range<u32>, &mut [T])> {
+        let mut pieces = Vec::with_capacity(rows.len());
+        let (mut rest, mut first) = (self, 0);
+        for row in rows {
+            assert!(first <= row.start, "rows are in order and apart from each other");
+            let (_, behind) = rest.split_at_mut((row.start - first) as usize);
+            let (items, behind) = behind.split_at_mut(row.len());
+            let starts = row.clone().step_by(size);
+            pieces.extend(starts.zip(items.chunks_mut(size)).map(|(start, items)| {
+                let end = start + items.len() as u32;
+                (start..end, items)
+            }));
+            (rest, first) = (behind, row.start.max(row.end));
+        }
+        Owned(pieces)
     }
 
     fn par_sort_unstable(&mut self)

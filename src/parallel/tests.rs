@@ -78,6 +78,25 @@ fn chunks_and_windows_are_those_of_the_slice() {
 }
 
 #[test]
+fn rows_are_written_in_pieces_and_nothing_else_is() {
+    on_any_threads(|length| {
+        let [third, half] = [length as u32 / 3, length as u32 / 2];
+        for rows in
+            [vec![], vec![0..third, third..third, third..half, half + half / 2..length as u32]]
+        {
+            let mut written = random(length);
+            let mut expected = written.clone();
+            rows.iter().cloned().flatten().for_each(|k| expected[k as usize] = k);
+            written.par_rows_mut(&rows, 7).for_each(|(places, items)| {
+                assert!(places.len() == items.len() && items.len() <= 7);
+                places.zip(items).for_each(|(place, item)| *item = place);
+            });
+            assert_eq!(written, expected);
+        }
+    });
+}
+
+#[test]
 fn ends_of_loops_do_not_depend_on_threads() {
     let all = on_any_threads(|length| {
         let list = random(length);

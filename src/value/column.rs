@@ -8,6 +8,7 @@ use bytemuck::{NoUninit, Pod};
 
 use super::Hash;
 use crate::memory::huge_vec;
+use crate::parallel::*;
 
 mod blocks;
 mod changed;
@@ -86,9 +87,32 @@ impl<T: Pod + Send + Sync> Column<T> {
     /// its copy only what has changed since.
     ///
     /// # Panics
-    /// If there are no such rows, or more or fewer items than they take.
+    /// If there are no such rows, they are not in order and apart from each other, or take more or fewer items.
     #[must_use]
     pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
+        let mut count = 0;
+        let firsts = Vec::from_iter(rows.iter().map(|row| {
+            count += row.len();
+            count - row.len()
+        }));
+        assert!(count == others.len(), "{} items for {count} places", others.len());
+        self.with_rows_by(rows, |piece, to| {
+            let row = rows.partition_point(|row| row.end <= piece.start);
+            let first = firsts[row] + (piece.start - rows[row].start) as usize;
+            to.copy_from_slice(&others[first..first + to.len()]);
+        })
+    }
+
+    /// [`Self::with_rows`], by what writes the items of a piece of a row to their places; it is called on all threads.
+    ///
+    /// # Panics
+    /// If there are no such rows, or they are not in order and apart from each other.
+    #[must_use]
+    pub fn with_rows_by(
+        &self,
+        rows: &[Range<u32>],
+        write: impl Fn(Range<u32>, &mut [T]) + Sync,
+    ) -> Self {
         let is_large = line::LEAST <= self.size();
         let line = is_large.then(|| self.0.line.get_or_init(|| Arc::new(Line::new())));
         let mut items = match line.and_then(|line| line.take()) {
@@ -99,22 +123,14 @@ impl<T: Pod + Send + Sync> Column<T> {
                 items
             }
         };
-        let mut rest = others;
-        let mut changed = Vec::new();
-        for row in rows.iter().map(|row| row.start as usize..row.end as usize) {
-            let (others, behind) = rest.split_at(row.len());
-            items[row.clone()].copy_from_slice(others);
-            rest = behind;
-            changed.push(row);
-        }
-        assert!(rest.is_empty(), "more items than rows");
+        items.par_rows_mut(rows, line::PIECE).for_each(|(row, to)| write(row, to));
         let column = Self(Arc::new(Shared::new(items)));
         if let Some(line) = line {
             // Nobody else knows the column yet: neither this nor what follows is there.
             let _ = column.0.line.set(line.clone());
         }
         if of_one_block(0, self.bytes()).is_none() {
-            let blocks = self.blocks().after(&changed, size_of::<T>(), column.bytes());
+            let blocks = self.blocks().after(rows, size_of::<T>(), column.bytes());
             let _ = column.0.blocks.set(blocks);
         }
         column

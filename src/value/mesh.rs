@@ -177,7 +177,7 @@ impl Mesh {
     /// If one of the places is not finite.
     ///
     /// # Panics
-    /// If there are no such rows, or more or fewer places than vertices in them.
+    /// If there are no such rows, they are not in order and apart from each other, or have more or fewer vertices.
     pub fn with_moved(
         &self,
         rows: &[Range<u32>],
@@ -187,12 +187,39 @@ impl Mesh {
             let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
             return Err(MeshError::NotFinite { vertex });
         }
-        let positions = self.positions.with_rows(rows, places);
+        Ok(self.with_other(self.positions.with_rows(rows, places), rows))
+    }
+
+    /// [`Self::with_moved`], by what writes the places of a piece of a row; it is called on all threads.
+    ///
+    /// # Errors
+    /// If one of the places is not finite.
+    ///
+    /// # Panics
+    /// If there are no such rows, or they are not in order and apart from each other.
+    pub fn with_moved_by(
+        &self,
+        rows: &[Range<u32>],
+        write: impl Fn(Range<u32>, &mut [Point3<f64>]) + Sync,
+    ) -> Result<Self, MeshError> {
+        let positions = self.positions.with_rows_by(rows, write);
+        let first_bad = |row: &Range<u32>| {
+            let first = row.start as usize;
+            super::first_not_finite(&positions[first..row.end as usize]).map(|bad| first + bad)
+        };
+        if let Some(vertex) = rows.iter().find_map(first_bad) {
+            return Err(MeshError::NotFinite { vertex });
+        }
+        Ok(self.with_other(positions, rows))
+    }
+
+    /// The same mesh with other places in these rows.
+    fn with_other(&self, positions: Column<Point3<f64>>, rows: &[Range<u32>]) -> Self {
         let known = self.known.moved(rows, &positions);
         let mut mesh = Self { positions, known, ..self.clone() };
         mesh.vertex.remove("normal");
         mesh.corner.remove("normal");
-        Ok(mesh)
+        mesh
     }
 
     /// The same mesh with an attribute per vertex.

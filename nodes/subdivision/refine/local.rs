@@ -8,9 +8,8 @@
 
 use std::ops::Range;
 
-use maquette::memory::{huge_vec, sparse_vec};
 use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette::value::{Faces, Mesh, MeshError};
 use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
@@ -36,10 +35,14 @@ pub(crate) struct Front<'a> {
     control: &'a [Point3<f64>],
     core: Part,
     halo: Part,
-    /// How many steps were taken.
-    level: usize,
-    /// After a step the places in the halo; elsewhere there are zeros.
-    places: Option<Vec<Point3<f64>>>,
+    /// The steps that were taken, with the places after each: they are there in the halo, elsewhere is anything.
+    taken: Vec<(&'a Primal, Vec<Point3<f64>>)>,
+}
+
+impl Drop for Front<'_> {
+    fn drop(&mut self) {
+        self.taken.drain(..).for_each(|(step, places)| step.leave(places));
+    }
 }
 
 impl<'a> Front<'a> {
@@ -51,7 +54,7 @@ impl<'a> Front<'a> {
         wider: usize,
     ) -> Self {
         let [core, halo] = surroundings(faces, control.len(), moved, wider);
-        Self { control, core, halo, level: 0, places: None }
+        Self { control, core, halo, taken: Vec::new() }
     }
 
     /// Takes some steps.
@@ -60,39 +63,42 @@ impl<'a> Front<'a> {
     /// If the evaluation is told to stop.
     pub(crate) fn take(
         &mut self,
-        steps: &[&Primal],
+        steps: &[&'a Primal],
         progress: &Progress<'_>,
     ) -> Result<(), Cancelled> {
         for step in steps {
             progress.check()?;
-            let in_faces = self.split(step);
-            let made = computed(step, self.places(), &in_faces, &self.halo.vertices);
-            let mut new: Vec<Point3<f64>> = sparse_vec(step.n_finer());
-            let mut rest = &made[..];
-            for row in &self.halo.vertices {
-                let (places, behind) = rest.split_at(row.len());
-                new[row.start as usize..row.end as usize].copy_from_slice(places);
-                rest = behind;
-            }
-            let first = new.len() - in_faces.len();
-            new[first..].copy_from_slice(&in_faces);
-            self.places = Some(new);
-            self.halo.add_middles(step, self.level);
-            self.core.add_middles(step, self.level);
-            self.level += 1;
+            let mut new = self.split(step);
+            let (kept_and_split, in_faces) = new.split_at_mut(step.first_middle());
+            let (in_faces, old) = (&*in_faces, self.places());
+            let pieces = kept_and_split.par_rows_mut(&self.halo.vertices, BLOCK);
+            pieces.for_each(|(row, to)| step.write_row(row, old, in_faces, to));
+            let level = self.taken.len();
+            self.taken.push((step, new));
+            self.halo.add_middles(step, level);
+            self.core.add_middles(step, level);
         }
         Ok(())
     }
 
-    /// Takes the last step, in the core alone: its vertices in rows, and their places one row after the other.
-    pub(crate) fn end(mut self, last: &Primal) -> (Rows, Vec<Point3<f64>>) {
-        let in_faces = self.split(last);
-        let mut made = computed(last, self.places(), &in_faces, &self.core.vertices);
-        for row in self.core.faces(last, self.level) {
-            made.extend_from_slice(&in_faces[row.start as usize..row.end as usize]);
-        }
-        self.core.add_middles(last, self.level);
-        (self.core.vertices, made)
+    /// Takes the last step, in the core alone: `refined` with the places that it comes to.
+    ///
+    /// # Errors
+    /// If one of them is not finite.
+    pub(crate) fn end(mut self, last: &'a Primal, refined: &Mesh) -> Result<Mesh, MeshError> {
+        let new = self.split(last);
+        let level = self.taken.len();
+        self.core.add_middles(last, level);
+        let first = last.first_middle();
+        let (in_faces, old) = (&new[first..], self.places());
+        let moved = refined.with_moved_by(&self.core.vertices, |row, to| {
+            match (row.start as usize).checked_sub(first) {
+                Some(face) => to.copy_from_slice(&in_faces[face..face + to.len()]),
+                None => last.write_row(row, old, in_faces, to),
+            }
+        });
+        self.taken.push((last, new));
+        moved
     }
 
     /// The vertices of the core, in rows.
@@ -102,15 +108,21 @@ impl<'a> Front<'a> {
 
     /// All places, of which those in the core and around it are there.
     pub(crate) fn places(&self) -> &[Point3<f64>] {
-        self.places.as_deref().unwrap_or(self.control)
+        self.taken.last().map_or(self.control, |(_, places)| places)
     }
 
-    /// Adds the new vertices on edges to core and halo; those inside of faces.
+    /// Adds the new vertices on edges to core and halo; a list for the places after the step, in which those inside of faces are.
     fn split(&mut self, step: &Primal) -> Vec<Point3<f64>> {
-        let in_faces = middles(step, self.places(), &self.halo.faces(step, self.level));
-        self.core.add_edges(step, self.level);
-        self.halo.add_edges(step, self.level);
-        in_faces
+        let (level, old) = (self.taken.len(), self.places());
+        let mut new = step.left();
+        let faces = self.halo.faces(step, level);
+        let pieces = new[step.first_middle()..].par_rows_mut(&faces, BLOCK);
+        pieces.for_each(|(faces, to)| {
+            faces.zip(to).for_each(|(face, to)| *to = step.centroid(face, old));
+        });
+        self.core.add_edges(step, level);
+        self.halo.add_edges(step, level);
+        new
     }
 }
 
@@ -139,43 +151,10 @@ impl Part {
 
     /// Adds the new vertices inside of faces.
     fn add_middles(&mut self, step: &Primal, level: usize) {
-        let first = (step.level.mesh.vertices + step.level.mesh.halves.len()) as u32;
+        let first = step.first_middle() as u32;
         let rows = self.faces(step, level).into_iter();
         self.vertices.extend(rows.map(|row| first + row.start..first + row.end));
     }
-}
-
-/// The new vertices in these faces; those of the other faces are zeros.
-fn middles(step: &Primal, old: &[Point3<f64>], faces: &Rows) -> Vec<Point3<f64>> {
-    let count = if step.has_middles() { step.level.mesh.faces.len() } else { 0 };
-    let mut middles = sparse_vec(count);
-    for row in faces {
-        let to = &mut middles[row.start as usize..row.end as usize];
-        let to = to.par_iter_mut().enumerate().with_min_len(BLOCK);
-        to.for_each(|(k, to)| *to = step.centroid(row.start + k as u32, old));
-    }
-    middles
-}
-
-/// The places of these new vertices, one row after the other.
-fn computed(
-    step: &Primal,
-    old: &[Point3<f64>],
-    in_faces: &[Point3<f64>],
-    rows: &Rows,
-) -> Vec<Point3<f64>> {
-    let mut places = huge_vec(rows.iter().map(ExactSizeIterator::len).sum());
-    let (mut rest, mut pieces) = (&mut places[..], Vec::new());
-    for row in rows {
-        let starts = row.clone().step_by(BLOCK);
-        for piece in starts.map(|start| start..row.end.min(start + BLOCK as u32)) {
-            let (to, behind) = rest.split_at_mut(piece.len());
-            pieces.push((piece, to));
-            rest = behind;
-        }
-    }
-    pieces.into_par_iter().for_each(|(row, to)| step.write_row(row, old, in_faces, to));
-    places
 }
 
 /// Core and halo.

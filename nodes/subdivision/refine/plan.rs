@@ -131,8 +131,7 @@ impl Plan {
             None => {
                 let mut front = front(0);
                 front.take(before, progress)?;
-                let (rows, places) = front.end(last);
-                refined.with_moved(&rows, &places).ok()
+                front.end(last, refined).ok()
             }
             Some(EndLimit::Refined(limit)) => {
                 // Normals may be those of the faces around.

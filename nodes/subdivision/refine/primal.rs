@@ -1,9 +1,9 @@
 //! One step of a primal scheme, Loop's or Catmull's and Clark's: what of it depends on topology alone, and its products.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use maquette::memory::huge_vec;
+use maquette::memory::{huge_vec, sparse_vec};
 use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
@@ -30,6 +30,8 @@ pub(crate) struct Primal {
     stencils: Stencils,
     /// The refined faces.
     pub(crate) finer: Faces,
+    /// A list for its vertices that was left, if there is one.
+    left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
 impl Primal {
@@ -62,7 +64,7 @@ impl Primal {
         let on_edges = creases.iter().map(|(edge, _)| kept + edge);
         let odd_rows = odd.iter().map(|[vertex, _]| *vertex).chain(on_edges).collect();
         let finer = split_faces(mesh, kind);
-        Self { level, odd_rows, stencils, finer }
+        Self { level, odd_rows, stencils, finer, left: Mutex::new(None) }
     }
 
     /// The refined mesh.
@@ -81,6 +83,23 @@ impl Primal {
             PrimalScheme::Loop => Triangles.vertices(&self.level.mesh),
             PrimalScheme::CatmullClark => Corners.vertices(&self.level.mesh),
         }
+    }
+
+    /// The first new vertex in a face, or the number of all vertices.
+    pub(crate) fn first_middle(&self) -> usize {
+        self.level.mesh.vertices + self.level.mesh.halves.len()
+    }
+
+    /// A list for the new vertices of which few will be written, and the others not be read: anything is there. Where nothing is written,
+    /// it takes no memory.
+    pub(crate) fn left(&self) -> Vec<Point3<f64>> {
+        let left = self.left.lock().unwrap_or_else(PoisonError::into_inner).take();
+        left.unwrap_or_else(|| sparse_vec(self.n_finer()))
+    }
+
+    /// Leaves such a list for the next one who asks for it: what was written is likely to be written again, and its pages are there.
+    pub(crate) fn leave(&self, list: Vec<Point3<f64>>) {
+        *self.left.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }
 
     /// The refined creases, sorted by vertices.

@@ -64,10 +64,10 @@ impl Blocks {
     }
 
     /// The same, after the items in these rows have become others; `size` is that of an item.
-    pub(super) fn after(&self, changed: &[Range<usize>], size: usize, bytes: &[u8]) -> Self {
+    pub(super) fn after(&self, changed: &[Range<u32>], size: usize, bytes: &[u8]) -> Self {
         let mut is_dirty = vec![false; self.0.len()];
         for row in changed.iter().filter(|row| !row.is_empty()) {
-            is_dirty[around(row.start * size..row.end * size)].fill(true);
+            is_dirty[around(row.start as usize * size..row.end as usize * size)].fill(true);
         }
         let dirty = Vec::from_iter((0..self.0.len()).filter(|&index| is_dirty[index]));
         let hash = |&index: &usize| block(bytes.len() / size, bytes, index);
@@ -170,7 +170,8 @@ mod tests {
                 for place in places {
                     bytes[(place + 1) * size - 1] ^= 1;
                 }
-                let after = before.after(&places.map(|place| place..place + 1), size, &bytes);
+                let rows = places.map(|place| place as u32..place as u32 + 1);
+                let after = before.after(&rows, size, &bytes);
                 assert_eq!(after.whole(), in_one_piece(items, &bytes), "{length} {size}");
             }
         }

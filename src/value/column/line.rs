@@ -11,8 +11,8 @@ use crate::parallel::*;
 /// Below this many bytes a copy costs next to nothing.
 pub(super) const LEAST: usize = 1 << 20;
 
-/// Items that are copied at once: enough to outweigh the cost of giving them to a thread.
-const COPIED: usize = 1 << 14;
+/// Items that are copied or written at once: enough to outweigh the cost of giving them to a thread.
+pub(super) const PIECE: usize = 1 << 12;
 
 /// What is left of columns of as many items each.
 pub(super) struct Line<T>(Mutex<Option<Spare<T>>>);
@@ -47,19 +47,15 @@ impl<T: Copy + Send + Sync> Spare<T> {
     /// The items of a column of the same line, which these blocks tell.
     pub(super) fn turned_into(mut self, items: &[T], blocks: &Blocks) -> Vec<T> {
         let stale = blocks.changed(&self.blocks, items.len(), size_of::<T>());
-        let stale = stale.iter().map(|row| row.start as usize..row.end as usize);
-        let count: usize = stale.clone().map(|row| row.len()).sum();
-        if items.len() / 4 < count {
-            copy(items, &mut self.items);
-        } else {
-            stale.for_each(|row| self.items[row.clone()].copy_from_slice(&items[row]));
-        }
+        self.items.par_rows_mut(&stale, PIECE).for_each(|(row, to)| {
+            to.copy_from_slice(&items[row.start as usize..row.end as usize]);
+        });
         self.items
     }
 }
 
 /// Copies all items, on all threads.
 pub(super) fn copy<T: Copy + Send + Sync>(from: &[T], to: &mut [T]) {
-    let copies = to.par_chunks_mut(COPIED).zip(from.par_chunks(COPIED));
+    let copies = to.par_chunks_mut(PIECE).zip(from.par_chunks(PIECE));
     copies.for_each(|(to, from)| to.copy_from_slice(from));
 }

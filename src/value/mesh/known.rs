@@ -233,10 +233,10 @@ mod tests {
                 // Two moves in a row now and then, of which nobody has seen the first.
                 for _ in 0..1 + round % 2 {
                     let count = mesh.positions().len();
-                    let starts = [dice.below(count), dice.below(count)];
-                    let rows =
-                        starts.map(|start| start as u32..(start + dice.below(9)).min(count) as u32);
-                    let rows = rows.map(|row| row.start..row.end.max(row.start));
+                    let mut ends = [0; 4].map(|_| dice.below(count + 1) as u32);
+                    ends.sort_unstable();
+                    let [from, to, later, end] = ends;
+                    let rows = [from..to.min(from + 8), later..end.min(later + 8)];
                     let places = Vec::from_iter(rows.iter().cloned().flatten().map(|vertex| {
                         mesh.positions()[vertex as usize] + Vector3::new(0.0, 0.1, dice.even())
                     }));

@@ -47,7 +47,7 @@ impl Mesh {
 mod tests {
     use nalgebra::Point3;
 
-    use super::super::Faces;
+    use super::super::{Faces, MeshError};
     use super::*;
 
     #[test]
@@ -56,6 +56,15 @@ mod tests {
         let places = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
         let mesh = Mesh::new(places, Faces::triangles(vec![[0, 1, 2], [0, 2, 3]])).unwrap();
         let moved = mesh.with_moved(&[1..2, 3..4], &[at(1., -0.), at(5., 1.)]).unwrap();
+        let by = mesh.with_moved_by(&[1..2, 3..4], |piece, to| {
+            piece.zip(to).for_each(|(vertex, to)| *to = moved.positions()[vertex as usize]);
+        });
+        assert_eq!(by.map(|by| by.positions().clone()), Ok(moved.positions().clone()));
+        let nowhere = |piece: Range<u32>, to: &mut [Point3<f64>]| {
+            piece.zip(to).filter(|(vertex, _)| *vertex == 3).for_each(|(_, to)| to.y = f64::NAN);
+        };
+        let refused = mesh.with_moved_by(&[1..2, 2..4], nowhere);
+        assert_eq!(refused.map(|_| ()), Err(MeshError::NotFinite { vertex: 3 }));
         let expected = Moved { vertices: vec![1..2, 3..4], normals: vec![] };
         assert_eq!(moved.moved_since(&mesh), Some(expected.clone()));
         assert_eq!(mesh.moved_since(&mesh), Some(Moved::default()));

@@ -11,7 +11,7 @@ impl RangeImage {
     /// not finite makes its cell invalid. Only what is around these rows is hashed again.
     ///
     /// # Panics
-    /// If there are no such rows, or more or fewer points than cells in them.
+    /// If there are no such rows, they are not in order and apart from each other, or have more or fewer cells.
     #[must_use]
     pub fn with_moved(&self, rows: &[Range<u32>], mut points: Vec<Point3<f64>>) -> Self {
         without_half_points(&mut points);
