@@ -11,13 +11,17 @@
 //! - how long until eight pages show a save.
 //!
 //! `cargo bench -p maquette-nodes --bench page` takes some eight minutes, four of them to draw without a card what is large, and needs Chromium.
+//! Words say what is measured alone: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
 
 use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value as Json, json};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::{Message, WebSocket};
 
 #[path = "../tests/commands/browser.rs"]
 #[expect(dead_code, reason = "tests press keys, too")]
@@ -28,12 +32,23 @@ use browser::Browser;
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
 fn main() {
+    let wanted = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with("--")));
+    let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
+    if is_wanted("told") {
+        told();
+    }
     let Some(mut browser) = Browser::start() else { return };
-    small(&mut browser);
-    large(&mut browser);
-    local(&mut browser);
-    ten_million(&mut browser);
-    tabs(&mut browser);
+    for (name, measure) in [
+        ("small", small as fn(&mut Browser)),
+        ("large", large),
+        ("local", local),
+        ("ten-million", ten_million),
+        ("tabs", tabs),
+    ] {
+        if is_wanted(name) {
+            measure(&mut browser);
+        }
+    }
 }
 
 fn say(line: &str) {
@@ -190,7 +205,7 @@ fn large(browser: &mut Browser) {
         let before = drawn(browser);
         watch.save(&watch.with(f64::from(k) + 0.5));
         next_drawn(browser, before);
-        let [_, duration, sent] = last_value(browser);
+        let [duration, sent] = last_value(browser);
         times.push(duration);
         bytes = sent;
     }
@@ -224,45 +239,47 @@ fn local(browser: &mut Browser) {
     ));
 }
 
-/// When the message of the value that was drawn last came, by the clock, how long it took from there to the buffers, and the bytes that came
-/// after it.
-fn last_value(browser: &mut Browser) -> [f64; 3] {
+/// How long it took from the message of the value that was drawn last to the buffers, and the bytes that came after it.
+fn last_value(browser: &mut Browser) -> [f64; 2] {
     let measure = "(() => { const [it] = performance.getEntriesByName('value'); \
-                   return [performance.timeOrigin + it.startTime, it.duration, it.detail.bytes]; })()";
+                   return [it.duration, it.detail.bytes]; })()";
     let measured = browser.ask(measure);
-    [0, 1, 2].map(|k| measured[k].as_f64().expect("a number"))
+    [0, 1].map(|k| measured[k].as_f64().expect("a number"))
 }
 
-/// A nose that grows under four levels of subdivision.
+/// A nose that grows under four levels of subdivision, and what hears of it but draws nothing: without a card that takes all cores.
+fn told() {
+    let watch = doll(4);
+    let mut page = Page::open(&watch);
+    page.say(&json!({ "ask": "views", "views": [{ "node": "model", "output": "mesh" }] }));
+    page.next_value();
+    let save = |_: &mut Page, k: u32| watch.save(&watch.with(13.0 + 0.5 * f64::from(k)));
+    let saves = page.times(save);
+    say_times("another nose of 10.8 million triangles, from the save to the message", saves);
+    let drags = page.times(|page, k| {
+        let value = format!("{:.2}", 20.25 + 0.5 * f64::from(k));
+        page.say(&json!({ "ask": "drag", "values": [["growth", value]] }));
+    });
+    say_times("from a move of a slider to its message", drags);
+}
+
+/// The same in a browser.
 fn ten_million(browser: &mut Browser) {
     let watch = doll(4);
     let start = now();
     open(browser, &watch, "model");
     say(&format!("10.8 million triangles opened after {:.1} s", (now() - start) / 1e3));
-    let (mut told, mut copied, mut bytes) = (Vec::new(), Vec::new(), 0.0);
+    let (mut copied, mut bytes) = (Vec::new(), 0.0);
     for k in 0..3 {
         wait_for_drawing(browser);
         let before = drawn(browser);
-        let saved = now();
         watch.save(&watch.with(13.0 + f64::from(k)));
         next_drawn(browser, before);
-        let [start, duration, sent] = last_value(browser);
-        told.push(start - saved);
+        let [duration, sent] = last_value(browser);
         copied.push(duration);
         bytes = sent;
     }
-    let mut dragged = Vec::new();
-    for k in 0..3 {
-        wait_for_drawing(browser);
-        let before = drawn(browser);
-        let moved = slide(browser, 16 + k);
-        next_drawn(browser, before);
-        let [start, ..] = last_value(browser);
-        dragged.push(start - moved);
-    }
-    say_times("another nose of 10.8 million triangles, from the save to the message", told);
     say_times("from that message to the buffers", copied);
-    say_times("from a move of a slider to its message", dragged);
     let (moved, held) = (bytes / 1e6, watch.memory());
     say(&format!("for which {moved:.1} MB were sent; the program holds {held:.0} MB"));
 }
@@ -282,6 +299,53 @@ fn tabs(browser: &mut Browser) {
     });
     let last = shown.fold(0.0, f64::max);
     say(&format!("from a save to the pixels of eight pages: {:.0} ms", last - saved));
+}
+
+/// The socket of a page, as it is without a browser around it.
+struct Page(WebSocket<TcpStream>);
+
+impl Page {
+    fn open(watch: &Watch) -> Self {
+        let place = watch.link.strip_prefix("http://").expect("a link");
+        let (host, token) = place.split_once("/#").expect("a token");
+        let mut request = format!("ws://{host}/socket").into_client_request().expect("an address");
+        for (name, value) in [
+            ("Origin", format!("http://{host}")),
+            ("Sec-WebSocket-Protocol", format!("maquette, {token}")),
+        ] {
+            request.headers_mut().insert(name, value.parse().expect("visible letters"));
+        }
+        let stream = TcpStream::connect(host).expect("a connection");
+        Self(tungstenite::client(request, stream).expect("a socket").0)
+    }
+
+    fn say(&mut self, wish: &Json) {
+        self.0.send(Message::Text(wish.to_string().into())).expect("somebody hears it");
+    }
+
+    /// Milliseconds from some changes to the next value.
+    fn times(&mut self, change: impl Fn(&mut Self, u32)) -> Vec<f64> {
+        let time = |k| {
+            // So that nothing of the edit before is still being written.
+            std::thread::sleep(Duration::from_secs(1));
+            let start = now();
+            change(self, k);
+            self.next_value();
+            now() - start
+        };
+        Vec::from_iter((0..11).map(time))
+    }
+
+    /// Waits for the next value.
+    fn next_value(&mut self) {
+        loop {
+            if let Message::Text(text) = self.0.read().expect("a message")
+                && text.contains("\"event\":\"value\"")
+            {
+                return;
+            }
+        }
+    }
 }
 
 /// A watch with a live page.
