@@ -94,8 +94,9 @@ fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
         r#""doll": ReadMesh(path: "doll.obj"),
 "soft": Subdivide(mesh: doll, scheme: Loop, levels: 40),
 "half": Subdivide(mesh: "doll", scheme: Loop, levels: 1.5, limit: "yes"),
-"turned": Transform(mesh: "doll", rotate: (1, 2), scale: [1, true, 1]),"#,
-        r#""soft.ply": "soft", "half.ply": "half", "turned.ply": "turned""#,
+"turned": Transform(mesh: "doll", rotate: (1, 2), scale: [1, true, 1]),
+"plate": Primitive(shape: Box(size: (4, 0, 4))),"#,
+        r#""soft.ply": "soft", "half.ply": "half", "turned.ply": "turned", "plate.ply": "plate""#,
         expect![[r#"
             3:25-29 G009 port `mesh` of Subdivide wants a link, not `doll` (write the name of a node that gives a Mesh: "node")
             3:53-55 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
@@ -103,6 +104,7 @@ fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
             4:67-72 G009 field `limit` of Subdivide wants true or false, not the text "yes"
             5:43-49 G009 field `rotate` of Transform wants 3 values, not 2
             5:62-66 G009 field `scale` of Transform wants a number, not true
+            6:41-42 G010 field `size` of Primitive is 0, but must be more than 0
         "#]],
     );
 }
