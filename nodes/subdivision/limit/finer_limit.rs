@@ -15,7 +15,7 @@ use crate::masks::sharpness::Sharpness;
 use crate::masks::stars::{Masks, Scratch, Stars};
 use crate::refine::half_edges::HalfEdges;
 use crate::refine::last::Last;
-use crate::refine::level::BLOCK;
+use crate::refine::level::{Around, BLOCK};
 use crate::refine::split::{Corners, Split, Triangles};
 use crate::scheme::PrimalScheme;
 use maquette_base::linear::stencils::Stencils;
@@ -31,8 +31,8 @@ pub(crate) struct FinerLimit {
     sides: Column<u32>,
 }
 
-/// A regular vertex on the limit surface: its place and two tangents.
-type Regular = [Vector3<f64>; 3];
+/// A regular vertex on the limit surface: its place and its unit normal, which is zero where the tangents do not span a plane.
+type Regular = (Point3<f64>, Vector3<f64>);
 
 impl FinerLimit {
     pub(crate) fn new(last: Last) -> Self {
@@ -116,18 +116,17 @@ impl FinerLimit {
         moved.with_vertex("normal", Attribute::Vector(normals)).ok()
     }
 
-    /// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
-    fn regular(&self, control: &[Point3<f64>], vertex: usize) -> (Point3<f64>, Vector3<f64>) {
+    /// A regular vertex.
+    fn regular(&self, control: &[Point3<f64>], vertex: usize) -> Regular {
         let (last, corners) = (&self.last, self.last.corners());
-        let regular = match self.scheme() {
+        match self.scheme() {
             PrimalScheme::Loop => {
                 box_spline(corners, control, vertex, &last.ring_of(vertex, Triangles))
             }
             PrimalScheme::CatmullClark => {
                 b_spline(corners, control, vertex, &last.ring_of(vertex, Corners))
             }
-        };
-        placed(regular)
+        }
     }
 
     /// A half-edge from a regular vertex.
@@ -156,17 +155,18 @@ impl FinerLimit {
         masks: impl Fn(&[u32], &[Point3<f64>], usize, &[u32]) -> Regular + Sync,
     ) {
         let corners = self.last.corners();
-        self.last.at_regular(to, split, |vertex, halves| {
-            let (place, normal) = placed(masks(corners, control, vertex, halves));
+        let around = Around { corners, places: control, in_faces: &[] };
+        self.last.at_regular(around, to, split, |vertex, halves| {
+            let (place, normal) = masks(corners, control, vertex, halves);
             (place, normal.into())
         });
     }
 }
 
-/// The place of a regular vertex and its unit normal, which is zero where the tangents do not span a plane.
+/// The unit normal of two tangents.
 #[inline]
-fn placed([place, first, second]: Regular) -> (Point3<f64>, Vector3<f64>) {
-    (place.into(), first.cross(&second).try_normalize(0.0).unwrap_or_default())
+fn normal(first: Vector3<f64>, second: Vector3<f64>) -> Vector3<f64> {
+    first.cross(&second).try_normalize(0.0).unwrap_or_default()
 }
 
 /// The bicubic B-spline: `(16 v + 4 sum e_j + sum d_j) / 36` and its derivatives.
@@ -182,7 +182,7 @@ fn b_spline(corners: &[u32], control: &[Point3<f64>], vertex: usize, halves: &[u
     let place = (control[vertex].coords * 16.0 + edges * 4.0 + corners) / 36.0;
     let first = (e0 - e2) * 4.0 + ((d0 - d1) + (d3 - d2));
     let second = (e1 - e3) * 4.0 + ((d0 - d3) + (d1 - d2));
-    [place, first, second]
+    (place.into(), normal(first, second))
 }
 
 /// The quartic box spline: `(6 v + sum e_j) / 12` and its derivatives.
@@ -196,7 +196,7 @@ fn box_spline(corners: &[u32], control: &[Point3<f64>], vertex: usize, halves: &
     let place = (control[vertex].coords * 6.0 + sum) / 12.0;
     let first = (e0 - e3) + ((e1 - e4) + (e5 - e2)) * 0.5;
     let second = ((e1 - e4) + (e2 - e5)) * SQRT_3_HALF;
-    [place, first, second]
+    (place.into(), normal(first, second))
 }
 
 /// The sine of 60 degrees.

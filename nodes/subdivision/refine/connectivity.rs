@@ -86,6 +86,19 @@ impl Connectivity {
         }
     }
 
+    /// How many edges the faces own whose corners are before this one.
+    pub(crate) fn edges_before(&self, corner: usize) -> usize {
+        self.halves.partition_point(|[owner, _]| (*owner as usize) < corner)
+    }
+
+    /// How many faces end before this corner, with which one begins or which is behind all.
+    pub(crate) fn faces_before(&self, corner: usize) -> usize {
+        match corner < self.corners().len() {
+            true => self.face_of(corner as u32) as usize,
+            false => self.faces.len(),
+        }
+    }
+
     /// How many bytes it holds.
     pub(crate) fn size(&self) -> usize {
         let lists = self.edge_of.len() * 4 + self.halves.len() * 8;

@@ -7,7 +7,7 @@ use maquette::value::Faces;
 
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};
-use super::level::{Both, Level};
+use super::level::{Around, Both, Level};
 use super::split::{Corners, Origin, Split, Triangles};
 use super::turns::Turns;
 use crate::masks::sharpness::Sharpness;
@@ -52,11 +52,12 @@ impl Last {
     /// As [`Level::at_regular`].
     pub(crate) fn at_regular<A: Send, B: Send, K: Split>(
         &self,
+        around: Around<'_>,
         to: Both<'_, A, B>,
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
-        self.coarser.at_children(0, to, split, &make);
+        self.coarser.at_children(around, to, split, make);
     }
 
     /// As [`Level::ring_of`].

@@ -6,10 +6,14 @@
 //! weights nor indices are stored for them. The others, the *odd* ones, are the irregular vertices of the first mesh and those on
 //! borders and creases.
 
+use std::hint::black_box;
+use std::iter;
+use std::ops::Range;
 use std::sync::Arc;
 
 use maquette::parallel::*;
 use maquette::value::Faces;
+use nalgebra::Point3;
 
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE, Ring};
@@ -22,6 +26,9 @@ use crate::scheme::PrimalScheme;
 
 /// Vertices that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
 pub(crate) const BLOCK: usize = 4096;
+
+/// Steps whose children one task looks at: what is older is one of 64 vertices.
+const STEPS: usize = 3;
 
 /// A mesh among those that the steps make of one.
 #[derive(Debug)]
@@ -116,11 +123,26 @@ impl Level {
     /// Writes what `make` gives for each regular vertex to two lists, from its number and the half-edges from it, counter-clockwise.
     pub(crate) fn at_regular<A: Send, B: Send, K: Split>(
         &self,
+        around: Around<'_>,
         to: Both<'_, A, B>,
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
-        self.at_own(0, to, split, &make);
+        match &self.coarser {
+            Some(coarser) => coarser.at_children(around, to, split, make),
+            None => self.at_own(0, to, split, &make),
+        }
+    }
+
+    /// The same in the mesh that the next step makes.
+    pub(crate) fn at_children<A: Send, B: Send, K: Split>(
+        &self,
+        around: Around<'_>,
+        to: Both<'_, A, B>,
+        split: K,
+        make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
+    ) {
+        self.at_born(Some(around), 0, to, split, &make);
     }
 
     /// [`Self::at_regular`] in the mesh so many steps later, for the vertices that are here.
@@ -131,43 +153,66 @@ impl Level {
         split: K,
         make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     ) {
-        match &self.coarser {
-            Some(coarser) => coarser.at_children(age, to, split, make),
-            None => at_born(to, [0, age], split, make, |index, ring| {
+        if let Some(coarser) = &self.coarser {
+            return coarser.at_born(None, age, to, split, make);
+        }
+        let blocks = to.0.par_chunks_mut(BLOCK).zip(to.1.par_chunks_mut(BLOCK)).enumerate();
+        blocks.for_each(|(block, to)| {
+            at_born(to, [BLOCK * block, 0, age], split, make, |index, ring| {
                 ring.copy_from_slice(&self.rings[K::VALENCE * index..][..K::VALENCE]);
                 ring[0] != NONE
-            }),
-        }
+            });
+        });
     }
 
-    /// The same for those of the mesh that the next step makes, `age` steps after that.
-    pub(crate) fn at_children<A: Send, B: Send, K: Split>(
+    /// [`Self::at_children`], `age` steps after that. What is around a few faces of the last mesh is in them and next to them, but vertices are
+    /// in the order of their births: so a task looks at all that a few faces have borne in some steps, and first reads in order what is
+    /// around it.
+    fn at_born<A: Send, B: Send, K: Split>(
         &self,
+        around: Option<Around<'_>>,
         age: usize,
         to: Both<'_, A, B>,
         split: K,
         make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     ) {
-        let mesh = &self.mesh;
-        let born = [mesh.vertices, mesh.vertices + mesh.halves.len()];
-        let [own, newer] = split_both(to, born[0]);
-        let [on_edges, in_faces] = split_both(newer, mesh.halves.len());
-        at_born(on_edges, [born[0], age], split, make, |index, ring| {
-            let [owner, twin] = mesh.halves[index];
-            if twin == NONE {
-                return false;
+        let levels = iter::successors(Some(self), |level| level.coarser.as_deref()).take(STEPS);
+        let levels = Vec::from_iter(levels);
+        let faces = &levels[levels.len() - 1].mesh.faces;
+        let corner = |face: usize| faces.first_corner(face.min(faces.len()));
+        let size = BLOCK >> (2 * levels.len());
+        let starts = (0..faces.len()).step_by(size);
+        let corners = starts.map(|face| corner(face)..corner(face + size));
+        let mut tasks = Vec::from_iter(corners.map(|corners| (corners, Vec::with_capacity(STEPS))));
+        let (mut own, mut older) = (to, age);
+        for (level, steps) in levels.iter().zip((0..levels.len()).rev()) {
+            let mesh = &level.mesh;
+            let newer;
+            [own, newer] = split_both(own, mesh.vertices);
+            let [mut on_edges, mut in_faces] = split_both(newer, mesh.halves.len());
+            let (mut edge, mut face, middles) = (0, 0, in_faces.0.len());
+            for (corners, task) in &mut tasks {
+                let end = corners.end << (2 * steps);
+                let edges = mesh.edges_before(end) - edge;
+                let faces = mesh.faces_before(end).min(middles) - face;
+                let [of_edges, of_faces];
+                ([of_edges, on_edges], [of_faces, in_faces]) =
+                    (split_both(on_edges, edges), split_both(in_faces, faces));
+                let (on_edges, in_faces) = ((edge, of_edges), (face, of_faces));
+                task.push(Born { mesh, age: older, on_edges, in_faces });
+                (edge, face) = (edge + edges, face + faces);
             }
-            let (left, right) = ring.split_at_mut(K::VALENCE / 2);
-            split.around_edge(mesh, owner, left);
-            split.around_edge(mesh, twin, right);
-            true
+            older += 1;
+        }
+        tasks.into_par_iter().for_each(|(corners, task)| {
+            if let Some(around) = around {
+                let [start, end] =
+                    [corners.start, corners.end].map(|corner| corner << (2 * levels.len()));
+                around.fetch(start..end, &task);
+            }
+            task.into_iter().for_each(|born| born.make(split, make));
         });
-        at_born(in_faces, [born[1], age], split, make, |index, ring| {
-            let corner = mesh.faces.first_corner(index) as u32;
-            (0..).zip(ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
-            mesh.faces.first_corner(index + 1) as u32 == corner + K::VALENCE as u32
-        });
-        self.at_own(age + 1, own, split, make);
+        levels[levels.len() - 1].at_own(older, own, split, make);
     }
 
     /// The half-edges from a regular vertex, in the order in which [`Self::at_regular`] gives them.
@@ -225,28 +270,90 @@ fn split_both<A, B>((a, b): Both<'_, A, B>, place: usize) -> [Both<'_, A, B>; 2]
     [(a, b), (rest_of_a, rest_of_b)]
 }
 
-/// The part of [`Level::at_regular`] for vertices from `first` on, all born `age` steps ago; `birth` gives the half-edges from a
-/// vertex in the mesh in which it was born, or tells that it is odd.
-#[inline]
-fn at_born<A: Send, B: Send, K: Split>(
-    to: Both<'_, A, B>,
-    [first, age]: [usize; 2],
-    split: K,
-    make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
-    birth: impl Fn(usize, &mut [u32]) -> bool + Sync,
-) {
-    let blocks = to.0.par_chunks_mut(BLOCK).zip(to.1.par_chunks_mut(BLOCK)).enumerate();
-    blocks.for_each(|(block, to)| {
-        for (index, to) in (BLOCK * block..).zip(to.0.iter_mut().zip(to.1)) {
-            let mut ring = [0; 6];
-            let ring = &mut ring[..K::VALENCE];
-            if !birth(index, ring) {
-                continue;
-            }
-            grow_older(ring, age, split);
-            (*to.0, *to.1) = make(first + index, ring);
+/// What is read around the vertices of a mesh.
+#[derive(Clone, Copy)]
+pub(crate) struct Around<'a> {
+    pub(crate) corners: &'a [u32],
+    /// The places of the vertices.
+    pub(crate) places: &'a [Point3<f64>],
+    /// The new vertices in the faces, if they are needed.
+    pub(crate) in_faces: &'a [Point3<f64>],
+}
+
+impl Around<'_> {
+    /// Reads what is around these corners of the mesh, and the vertices that their faces have borne.
+    fn fetch<A, B>(self, corners: Range<usize>, born: &[Born<'_, A, B>]) {
+        fetch(self.in_faces, corners.start / 4..corners.end / 4);
+        fetch(self.corners, corners);
+        for Born { mesh, on_edges, in_faces, .. } in born {
+            let edges = mesh.vertices + on_edges.0;
+            let faces = mesh.vertices + mesh.halves.len() + in_faces.0;
+            fetch(self.places, edges..edges + on_edges.1.0.len());
+            fetch(self.places, faces..faces + in_faces.1.0.len());
         }
+    }
+}
+
+/// Reads something of each line of memory of a part of a list, as far as there is one. In order this is fast, and whoever reads it in another
+/// order then finds it near.
+pub(crate) fn fetch<T: Copy>(list: &[T], part: Range<usize>) {
+    let part = list.get(part).unwrap_or_default();
+    part.iter().step_by(64 / size_of::<T>()).for_each(|item| {
+        black_box(*item);
     });
+}
+
+/// Vertices that some faces of a mesh have borne so many steps ago, on edges and in faces from one on.
+struct Born<'a, A, B> {
+    mesh: &'a Connectivity,
+    age: usize,
+    on_edges: (usize, Both<'a, A, B>),
+    in_faces: (usize, Both<'a, A, B>),
+}
+
+impl<A, B> Born<'_, A, B> {
+    /// The part of [`Level::at_regular`] for them.
+    fn make<K: Split>(self, split: K, make: &impl Fn(usize, &[u32]) -> (A, B)) {
+        let Self { mesh, age, on_edges, in_faces } = self;
+        let before = mesh.vertices;
+        at_born(on_edges.1, [on_edges.0, before, age], split, make, |index, ring| {
+            let [owner, twin] = mesh.halves[index];
+            if twin == NONE {
+                return false;
+            }
+            let (left, right) = ring.split_at_mut(K::VALENCE / 2);
+            split.around_edge(mesh, owner, left);
+            split.around_edge(mesh, twin, right);
+            true
+        });
+        let before = mesh.vertices + mesh.halves.len();
+        at_born(in_faces.1, [in_faces.0, before, age], split, make, |index, ring| {
+            let corner = mesh.faces.first_corner(index) as u32;
+            (0..).zip(ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
+            mesh.faces.first_corner(index + 1) as u32 == corner + K::VALENCE as u32
+        });
+    }
+}
+
+/// The part of [`Level::at_regular`] for vertices that were born `age` steps ago in or on the faces or edges from `first` on, of which the
+/// first one's number is `before`; `birth` gives the half-edges from a vertex in the mesh in which it was born, or tells that it is odd.
+#[inline]
+fn at_born<A, B, K: Split>(
+    to: Both<'_, A, B>,
+    [first, before, age]: [usize; 3],
+    split: K,
+    make: &impl Fn(usize, &[u32]) -> (A, B),
+    birth: impl Fn(usize, &mut [u32]) -> bool,
+) {
+    for (index, to) in (first..).zip(to.0.iter_mut().zip(to.1)) {
+        let mut ring = [0; 6];
+        let ring = &mut ring[..K::VALENCE];
+        if !birth(index, ring) {
+            continue;
+        }
+        grow_older(ring, age, split);
+        (*to.0, *to.1) = make(before + index, ring);
+    }
 }
 
 /// Goes from half-edges to their first halves after so many steps.

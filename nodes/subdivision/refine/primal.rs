@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::half_edges::HalfEdges;
 use super::last::Last;
-use super::level::{BLOCK, Level};
+use super::level::{Around, BLOCK, Level, fetch};
 use super::split::{Corners, Split, Triangles, split_faces};
 use crate::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
 use crate::masks::sharpness::Sharpness;
@@ -147,12 +147,15 @@ impl Primal {
         let in_faces = &in_faces[..];
         let blocks = on_edges.par_chunks_mut(BLOCK).zip(self.level.mesh.halves.par_chunks(BLOCK));
         blocks.for_each(|(new, halves)| {
+            let owners = halves[0][0] as usize..halves[halves.len() - 1][0] as usize;
+            fetch(in_faces, owners.start / 4..owners.end / 4);
             for (new, &halves) in new.iter_mut().zip(halves) {
                 *new = kind.on_edge(walk, corners, halves, old, in_faces);
             }
         });
         let nothing = &mut vec![(); kept.len()][..];
-        self.level.at_regular((kept, nothing), kind, |vertex, halves| {
+        let around = Around { corners, places: old, in_faces };
+        self.level.at_regular(around, (kept, nothing), kind, |vertex, halves| {
             let neighbors = halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
             let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
             (kind.regular(old[vertex], neighbors, faces), ())

@@ -269,8 +269,7 @@ fn block_starts(mesh: &Connectivity) -> Vec<Start> {
     faces
         .map(|face| {
             let corner = mesh.faces.first_corner(face);
-            let edge = mesh.halves.partition_point(|[owner, _]| (*owner as usize) < corner);
-            Start { face, corner, edge }
+            Start { face, corner, edge: mesh.edges_before(corner) }
         })
         .collect()
 }
