@@ -11,6 +11,7 @@ use super::limit_rows::complete_normals;
 use crate::SubdivideError;
 use crate::masks::turns::turn;
 use crate::refine::doo_sabin::{Dual, Inside};
+use crate::refine::dual_halves::{FinerHalves, Rings};
 use crate::refine::half_edges::{HalfEdges, Ring};
 use maquette_base::linear::stencils::Stencils;
 
@@ -21,6 +22,7 @@ const BLOCK: usize = 4096;
 #[derive(Debug)]
 pub(crate) struct FinerDualLimit {
     limit: DualLimit,
+    rings: Rings,
     /// The vertices whose faces do not close to a ring, their limits, and their tangents with the first row of each.
     border: Vec<u32>,
     positions: Stencils,
@@ -34,7 +36,7 @@ impl FinerDualLimit {
     /// # Errors
     /// If the refined mesh is not manifold.
     pub(crate) fn new(dual: &Dual) -> Result<Self, SubdivideError> {
-        let (mesh, starts) = dual.finer_halves()?;
+        let FinerHalves { mesh, starts, rings } = dual.finer_halves()?;
         let limit = DualLimit::new(mesh, starts, dual.boundary());
         let mut ring = Ring::default();
         let edges = (0..limit.mesh.halves.len() as u32).into_par_iter().with_min_len(BLOCK);
@@ -47,7 +49,7 @@ impl FinerDualLimit {
             !ring.closed
         });
         let (positions, (tangents, sides)) = (limit.positions(&border), limit.tangents(&border));
-        Ok(Self { limit, border, positions, tangents, sides })
+        Ok(Self { limit, rings, border, positions, tangents, sides })
     }
 
     /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
@@ -62,7 +64,7 @@ impl FinerDualLimit {
         let both = positions.par_iter_mut().zip(&mut normals).enumerate().with_min_len(BLOCK);
         both.for_each_init(Vec::new, |fan, (vertex, (place, normal))| {
             fan.clear();
-            fan.extend(self.limit.mesh.fan(self.limit.starts[vertex]));
+            self.rings.fan(&self.limit.mesh, vertex, self.limit.starts[vertex], fan);
             let n = fan.len();
             let [mut sum, mut first, mut second] = [Vector3::zeros(); 3];
             for (j, &half) in fan.iter().enumerate() {
@@ -90,6 +92,7 @@ impl FinerDualLimit {
     /// How many bytes it holds.
     pub(crate) fn size(&self) -> usize {
         let rows = self.positions.size() + self.tangents.size() + self.sides.size();
-        self.limit.mesh.size() + 4 * (self.limit.starts.len() + self.border.len()) + rows
+        let lists = self.limit.starts.len() + self.border.len();
+        self.limit.mesh.size() + self.rings.size() + 4 * lists + rows
     }
 }

@@ -17,7 +17,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::by_faces::{BLOCK, by_faces};
 use super::connectivity::Connectivity;
-use super::dual_halves::DualFaces;
+use super::dual_halves::{DualFaces, FinerHalves, Rings};
 use super::half_edges::{HalfEdges, NONE, Ring};
 use super::topology::Topology;
 use crate::masks::turns::{turn, turns};
@@ -56,8 +56,8 @@ impl Dual {
     /// # Errors
     /// If it is not manifold.
     pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
-        let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
-        Ok(Self::new(mesh, starts, topology.rules.boundary))
+        let halves = searched(&topology.faces, topology.vertices)?;
+        Ok(Self::new(halves, topology.rules.boundary))
     }
 
     /// How to refine the refined mesh.
@@ -65,18 +65,17 @@ impl Dual {
     /// # Errors
     /// If it is not manifold.
     pub(crate) fn next(&self) -> Result<Self, SubdivideError> {
-        let (mesh, starts) = self.finer_halves()?;
-        Ok(Self::new(mesh, starts, self.boundary))
+        Ok(Self::new(self.finer_halves()?, self.boundary))
     }
 
-    /// The half-edges of the refined faces, and one from each vertex.
+    /// The half-edges of the refined faces.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
-    pub(crate) fn finer_halves(&self) -> Result<(Connectivity, Vec<u32>), SubdivideError> {
+    pub(crate) fn finer_halves(&self) -> Result<FinerHalves, SubdivideError> {
         let (vertices, faces) = (self.n_finer(), &self.finer);
         if self.has_pairs {
-            return Connectivity::new(faces, vertices);
+            return searched(faces, vertices);
         }
         Ok(DualFaces { mesh: &self.mesh, faces, edges: &self.edges, vertices }.connectivity())
     }
@@ -86,7 +85,8 @@ impl Dual {
         self.boundary
     }
 
-    fn new(mesh: Connectivity, starts: Vec<u32>, boundary: Boundary) -> Self {
+    fn new(halves: FinerHalves, boundary: Boundary) -> Self {
+        let FinerHalves { mesh, starts, rings } = halves;
         let border = match boundary {
             Boundary::None => Vec::new(),
             _ => (0..mesh.halves.len() as u32).filter(|&edge| mesh.is_boundary(edge)).collect(),
@@ -101,18 +101,18 @@ impl Dual {
             vertices: Vec::new(),
             has_pairs: false,
         };
-        dual.build_faces();
+        dual.build_faces(&rings);
         dual
     }
 
-    fn build_faces(&mut self) {
+    fn build_faces(&mut self, rings: &Rings) {
         let mesh = &self.mesh;
         let (inner, n_faces) = (mesh.corners().len(), mesh.faces.len());
         let edges = (0..mesh.halves.len() as u32).into_par_iter().with_min_len(BLOCK);
         let has_border = self.boundary != Boundary::None;
         self.edges = edges.filter(|&edge| has_border || !mesh.is_boundary(edge)).collect();
         let blocks = self.starts.par_chunks(BLOCK).enumerate();
-        let around = blocks.map(|(block, starts)| self.around(block, starts));
+        let around = blocks.map(|(block, starts)| self.around(block, starts, rings));
         let around: Vec<Around> = around.collect();
         let count = |list: fn(&Around) -> usize| around.iter().map(list).sum::<usize>();
 
@@ -145,7 +145,7 @@ impl Dual {
     }
 
     /// The faces around the vertices of a block, from which `starts` run.
-    fn around(&self, block: usize, starts: &[u32]) -> Around {
+    fn around(&self, block: usize, starts: &[u32], rings: &Rings) -> Around {
         let mesh = &self.mesh;
         let mut around = Around::default();
         for (vertex, &start) in (block * BLOCK..).zip(starts) {
@@ -159,7 +159,7 @@ impl Dual {
                 points.flatten().map(|points| points[end])
             };
             around.corners.extend(on_border(start, 0));
-            around.corners.extend(mesh.fan(start));
+            rings.fan(mesh, vertex, start, &mut around.corners);
             let last = around.corners[around.corners.len() - 1];
             around.corners.extend(on_border(mesh.previous(last), 1));
             let count = around.corners.len() - first;
@@ -292,6 +292,12 @@ impl Dual {
         let lists = self.starts.len() + self.border.len() + self.edges.len() + self.vertices.len();
         self.mesh.size() + self.finer.corners().size() + 4 * lists
     }
+}
+
+/// The half-edges of faces, by a search.
+fn searched(faces: &Faces, vertices: usize) -> Result<FinerHalves, SubdivideError> {
+    let (mesh, starts) = Connectivity::new(faces, vertices)?;
+    Ok(FinerHalves { mesh, starts, rings: Rings::default() })
 }
 
 /// The new vertices inside the faces.

@@ -22,17 +22,48 @@ pub(crate) struct DualFaces<'a> {
     pub(crate) vertices: usize,
 }
 
+/// How the new faces hang together.
+pub(crate) struct FinerHalves {
+    pub(crate) mesh: Connectivity,
+    /// A half-edge from each vertex as [`HalfEdges::ring`] wants it.
+    pub(crate) starts: Vec<u32>,
+    pub(crate) rings: Rings,
+}
+
+/// The half-edges from each vertex, where they are four all around it; [`NONE`] for the others. Vertices behind the last are others, too.
+#[derive(Debug, Default)]
+pub(crate) struct Rings(Vec<[u32; 4]>);
+
+impl Rings {
+    /// Adds what [`HalfEdges::fan`] gives for a vertex from which `start` runs.
+    #[inline]
+    pub(crate) fn fan(&self, mesh: &Connectivity, vertex: usize, start: u32, to: &mut Vec<u32>) {
+        match self.0.get(vertex) {
+            Some(ring) if ring[0] != NONE => to.extend_from_slice(ring),
+            _ => to.extend(mesh.fan(start)),
+        }
+    }
+
+    /// How many bytes they take.
+    pub(crate) fn size(&self) -> usize {
+        size_of_val(&self.0[..])
+    }
+}
+
 impl DualFaces<'_> {
-    /// The half-edges of the new faces, and one from each new vertex as [`HalfEdges::ring`] wants it.
-    pub(crate) fn connectivity(&self) -> (Connectivity, Vec<u32>) {
+    /// The half-edges of the new faces.
+    pub(crate) fn connectivity(&self) -> FinerHalves {
         let Self { mesh, faces, edges, vertices } = *self;
         let inner = mesh.corners().len();
         let around = inner + 4 * edges.len();
         let total = faces.corners().len();
-        // The place of the face across each old edge.
-        let mut place = vec![NONE; mesh.halves.len()];
-        (0..).zip(edges).for_each(|(own, &edge)| place[edge as usize] = own);
-        let across = |edge: u32, k: u32| match place[edge as usize] {
+        // The place of the face across each old edge, if there is none across some.
+        let mut place = Vec::new();
+        if edges.len() < mesh.halves.len() {
+            place.resize(mesh.halves.len(), NONE);
+            (0..).zip(edges).for_each(|(own, &edge)| place[edge as usize] = own);
+        }
+        let across = |edge: u32, k: u32| match place.get(edge as usize).copied().unwrap_or(edge) {
             NONE => NONE,
             own => inner as u32 + 4 * own + k,
         };
@@ -109,8 +140,27 @@ impl DualFaces<'_> {
             next += 1;
         }
         halves.truncate(next);
+        // A new vertex lies in the face inside, the faces across two edges, and the one around its old vertex.
+        let mut rings: Vec<[u32; 4]> = huge_vec(inner);
+        rings.par_iter_mut().enumerate().with_min_len(BLOCK).for_each(|(vertex, ring)| {
+            let half = vertex as u32;
+            let before = mesh.previous(half);
+            let beyond = |half: u32, [of_owner, of_twin]: [u32; 2]| {
+                let edge = mesh.edge_of[half as usize];
+                match mesh.halves[edge as usize] {
+                    [_, NONE] => NONE,
+                    [owner, _] if owner == half => across(edge, of_owner),
+                    _ => across(edge, of_twin),
+                }
+            };
+            *ring = [half, beyond(before, [0, 2]), from[vertex], beyond(half, [1, 3])];
+            if ring.contains(&NONE) {
+                *ring = [NONE; 4];
+            }
+        });
         let starts = starts(faces, &halves, inner, vertices);
-        (Connectivity::from_parts(faces.clone(), vertices, edge_of, halves), starts)
+        let mesh = Connectivity::from_parts(faces.clone(), vertices, edge_of, halves);
+        FinerHalves { mesh, starts, rings: Rings(rings) }
     }
 }
 
@@ -155,10 +205,17 @@ mod tests {
                 let mut dual = Dual::first(&topology).unwrap();
                 for _ in 0..2 {
                     let searched = Connectivity::new(&dual.finer, dual.n_finer()).unwrap();
-                    let (made, starts) = dual.finer_halves().unwrap();
+                    let FinerHalves { mesh: made, starts, rings } = dual.finer_halves().unwrap();
                     assert_eq!(made.edge_of, searched.0.edge_of, "{boundary:?} {:?}", mesh.faces());
                     assert_eq!(made.halves, searched.0.halves);
                     assert_eq!(starts, searched.1);
+                    for (vertex, &start) in starts.iter().enumerate() {
+                        let mut fan = Vec::new();
+                        rings.fan(&made, vertex, start, &mut fan);
+                        assert_eq!(fan, Vec::from_iter(made.fan(start)), "{vertex}");
+                    }
+                    let known = rings.0.iter().filter(|ring| ring[0] != NONE).count();
+                    assert!(mesh.faces().len() == 1 || 3 * known > starts.len(), "{known}");
                     dual = dual.next().unwrap();
                 }
             }

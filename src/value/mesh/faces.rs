@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::known::Spread;
 use super::{BLOCK, MeshError, check_count};
+use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::value::{Column, DecodeError, Decoder, Encoder};
 
@@ -74,11 +75,12 @@ impl Faces {
         if sides.iter().all(|&sides| sides == first) {
             return Self::uniform(first, corners);
         }
-        let mut starts = vec![0u32];
-        starts.extend(sides.iter().scan(0, |end, &sides| {
-            *end += sides as u32;
-            Some(*end)
-        }));
+        let mut starts = huge_vec(sides.len() + 1);
+        let mut end = 0;
+        for (start, &sides) in starts[1..].iter_mut().zip(sides) {
+            end += sides as u32;
+            *start = end;
+        }
         Ok(Self::new(corners.into(), Shape::Mixed(starts.into())))
     }
 
@@ -159,6 +161,7 @@ impl Faces {
     }
 
     /// The index of a face's first corner.
+    #[inline]
     pub fn first_corner(&self, face: usize) -> usize {
         match &self.shape {
             Shape::Uniform(sides) => face * sides,
@@ -170,6 +173,7 @@ impl Faces {
     ///
     /// # Panics
     /// If there is no such face.
+    #[inline]
     pub fn face(&self, face: usize) -> &[u32] {
         &self.corners[self.first_corner(face)..self.first_corner(face + 1)]
     }
@@ -288,7 +292,16 @@ fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshE
 }
 
 /// The first corner whose vertex an earlier one has, too.
+#[inline]
 fn repeated(corners: &[u32]) -> Option<usize> {
+    // What most faces are, without a loop.
+    if let [a, b, c, d] = *corners
+        && a != b
+        && c != d
+        && ![a, b].iter().any(|vertex| [c, d].contains(vertex))
+    {
+        return None;
+    }
     if corners.len() <= FEW_CORNERS {
         return (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]));
     }
