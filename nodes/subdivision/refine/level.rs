@@ -142,7 +142,7 @@ impl Level {
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
-        self.at_born(Some(around), 0, to, split, &make);
+        self.at_descendants(Some(around), 0, to, split, &make);
     }
 
     /// [`Self::at_regular`] in the mesh so many steps later, for the vertices that are here.
@@ -154,7 +154,7 @@ impl Level {
         make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     ) {
         if let Some(coarser) = &self.coarser {
-            return coarser.at_born(None, age, to, split, make);
+            return coarser.at_descendants(None, age, to, split, make);
         }
         let blocks = to.0.par_chunks_mut(BLOCK).zip(to.1.par_chunks_mut(BLOCK)).enumerate();
         blocks.for_each(|(block, to)| {
@@ -168,7 +168,7 @@ impl Level {
     /// [`Self::at_children`], `age` steps after that. What is around a few faces of the last mesh is in them and next to them, but vertices are
     /// in the order of their births: so a task looks at all that a few faces have borne in some steps, and first reads in order what is
     /// around it.
-    fn at_born<A: Send, B: Send, K: Split>(
+    fn at_descendants<A: Send, B: Send, K: Split>(
         &self,
         around: Option<Around<'_>>,
         age: usize,

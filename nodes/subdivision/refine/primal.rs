@@ -147,8 +147,9 @@ impl Primal {
         let in_faces = &in_faces[..];
         let blocks = on_edges.par_chunks_mut(BLOCK).zip(self.level.mesh.halves.par_chunks(BLOCK));
         blocks.for_each(|(new, halves)| {
-            let owners = halves[0][0] as usize..halves[halves.len() - 1][0] as usize;
-            fetch(in_faces, owners.start / 4..owners.end / 4);
+            let owners = [halves[0][0], halves[halves.len() - 1][0]];
+            let [first, last] = owners.map(|half| walk.face(half) as usize);
+            fetch(in_faces, first..last);
             for (new, &halves) in new.iter_mut().zip(halves) {
                 *new = kind.on_edge(walk, corners, halves, old, in_faces);
             }
