@@ -14,9 +14,14 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Names of the browsers that speak the protocol.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
-/// What gives a browser WebGL on any machine, and the same colors on all.
-const DRAWN: [&str; 3] =
-    ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-color-profile=srgb"];
+/// What gives a browser WebGL on any machine, and the same colors on all. All else it draws without WebGL, as it does without a card:
+/// Debian's asks for the card.
+const DRAWN: [&str; 4] = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-gpu-rasterization",
+    "--force-color-profile=srgb",
+];
 
 /// A tab of a browser.
 pub(crate) struct Tab(String);
