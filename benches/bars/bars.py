@@ -56,12 +56,14 @@ class Bar:
     times: float | None = None
     # A word in the name of that peer; if left out, the fastest.
     of: str = ""
+    # What that peer took where the bar was set, in milliseconds.
+    there: float | None = None
 
 
 def of_row(subject, word, times=None, of="", there=None):
-    """A bar of the row that is called so, or begins so, in the table of peers. `there` is what the peer took where the bar was set, in ms."""
+    """A bar of the row that is called so, or begins so, in the table of peers."""
     row = next(row for row in peers.ROWS if row.ours == word or row.name.startswith(word))
-    return Bar(subject, row.name, row, row.bar, times=row.bar / there if there else times, of=of)
+    return Bar(subject, row.name, row, row.bar, times=row.bar / there if there else times, of=of, there=there)
 
 
 def bench(name, *words):
@@ -366,19 +368,24 @@ def main():
     print(f"{commit}; {THREADS} threads of {os.cpu_count()}, {processor()}; load {os.getloadavg()[0]:.2f}, {machine}\n")
     print(LINE.format("subject", "what", f"ours, {commit}", "peer", "ratio", "bar", "verdict"))
     print(LINE.format("---", "---", "---", "---", "---", "---", "---"))
-    verdicts = {}
+    verdicts, slower = {}, []
     for by, group in itertools.groupby(bars, key=lambda bar: bar.by):
         measure = measure_row if isinstance(by, Row) else measure_command
         for found in measure(list(group), machine):
             said = found.judge(machine)
             said += f": {machine}" if said == "not judged" else ""
             show(found, said)
+            if found.theirs and found.bar.there:
+                slower.append(found.theirs / found.bar.there)
             verdicts.setdefault(said.split(":")[0], []).append(found.bar.name)
     print()
     for said, names in verdicts.items():
         print(f"{len(names)} {said}" + ("" if said == "holds" else f": {'; '.join(names)}"))
     if "not judged" in verdicts:
         print("The machine is not quiet.")
+    if slower:
+        # Nothing is judged by that: who misses a bar of milliseconds that has no peer should know it.
+        print(f"Where the bars were set, the peers took {1 / statistics.median(slower):.2f} of what they take here (median of {len(slower)}).")
     sys.exit(1 if {"MISSED", "no figure"} & verdicts.keys() else 0)
 
 
