@@ -100,6 +100,13 @@ class Measures(unittest.TestCase):
         self.assertEqual(Found(row, [50.0], why="no peer").judge(Quiet()), "MISSED")
         self.assertEqual(Found(Bar("", "", (), None, times=1.0), [50.0], why="no peer").judge(Quiet()), "no peer")
 
+    def test_milliseconds_are_judged_whatever_the_peer_took_where_the_bar_was_set(self):
+        row = Bar("", "", (), 40, there=("SciPy", 400.0))
+        missed = Found(row, [80.0], "SciPy 1.17.1", 900.0, [80 / 900]).judge(Quiet())
+        self.assertEqual(missed, "MISSED; 0.089 of the peer, the bar was 0.1 of it")
+        self.assertEqual(Found(row, [40.0], "SciPy 1.17.1", 300.0, [40 / 300]).judge(Quiet()), "holds")
+        self.assertEqual(Found(row, [80.0], "splinepy", 900.0, [80 / 900]).judge(Quiet()), "MISSED")
+
     def test_a_bench_is_run_again_where_it_misses_a_bar_on_a_quiet_machine(self):
         printed = [Bar("", "", ("echo", "a: 5 ms, b: 7 ms"), most, line=line) for most, line in [(6, "a: # ms"), (6, "b: # ms"), (6, "c: # ms")]]
         runs = lambda group, quiet: [found.samples for found in measure_command(group, Quiet(quiet))]
