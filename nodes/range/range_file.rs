@@ -112,6 +112,11 @@ pub enum CameraFileError {
     /// It cannot be read.
     #[error("the camera file cannot be read")]
     Read(#[from] CameraError),
+    /// It says nothing of the picture.
+    #[error(
+        "the camera file says nothing of the picture's camera: `color` with `fx`, `fy`, `cx`, `cy` beside `range`; or `ReadRange` reads the grid alone"
+    )]
+    NoColor,
     /// It is that of another capture.
     #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
     Size {

@@ -7,7 +7,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraSource, Unit, check_view, is_unknown};
+use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///
@@ -99,10 +99,11 @@ fn registered(
     let Some(camera) = camera else {
         return Ok((image, range.with_registration(Registration::corners(grid, picture))));
     };
-    check_view("picture", &camera.color, picture)?;
+    let color = camera.color.ok_or(CameraFileError::NoColor)?;
+    check_view("picture", &color, picture)?;
     check_view("range grid", &camera.range, grid)?;
     let range = camera.over(range, Some(picture));
-    Ok((image.with_camera(Some(camera.color.pinhole)), range))
+    Ok((image.with_camera(Some(color.pinhole)), range))
 }
 
 #[cfg(test)]
@@ -141,6 +142,13 @@ mod tests {
         assert_eq!(range.registration().picture, [4, 2]);
         assert_eq!(image.camera().unwrap().center, [1.5, 0.5]);
         assert_eq!(range.camera(), Some(&Pinhole { focal: [20.0; 2], center: [0.75, 0.25] }));
+    }
+
+    #[test]
+    fn a_picture_needs_its_camera_where_a_file_speaks_of_cameras() {
+        let camera = r#"{ "range": { "fx": 20, "fy": 20, "cx": 0.75, "cy": 0.25 } }"#;
+        let error = read(Some(camera), Unit::Mm).unwrap_err().to_string();
+        assert_eq!(error, CameraFileError::NoColor.to_string());
     }
 
     #[test]

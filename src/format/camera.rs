@@ -12,8 +12,8 @@ pub const NAME: &str = "camera.json";
 /// The cameras of a capture: both see along the same axes from the same place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraFile {
-    /// The camera of the picture.
-    pub color: View,
+    /// The camera of the picture, if the file speaks of one.
+    pub color: Option<View>,
     /// The camera of the range grid.
     pub range: View,
     /// The unit of the range file, if the file names one: `mm`, `m` and so on.
@@ -35,14 +35,16 @@ pub struct View {
 
 impl CameraFile {
     /// The grid with its camera, the pose of this file or else its own, and, if the picture of the same capture has a known size, its
-    /// place in it: K_color K_range^-1.
+    /// place in it, if both cameras are known: K_color K_range^-1.
     #[must_use]
     pub fn over(&self, range: RangeImage, picture: Option<[usize; 2]>) -> RangeImage {
         let pose = self.world_from_camera.or(range.world_from_camera().copied());
-        let [own, color] = [self.range.pinhole, self.color.pinhole];
+        let own = self.range.pinhole;
         let range = range.with_camera(Some(own)).with_world_from_camera(pose);
-        match picture {
-            Some(size) => range.with_registration(Registration::pinholes(&own, &color, size)),
+        match picture.zip(self.color) {
+            Some((size, color)) => {
+                range.with_registration(Registration::pinholes(&own, &color.pinhole, size))
+            }
             None => range,
         }
     }
@@ -101,7 +103,7 @@ pub enum CameraError {
 
 /// The cameras in a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole `fx fy cx cy` and, if
 /// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
-/// file that has a pinhole at its top, or in `camera`, means both cameras by it. For depth maps `depth_png.units_per_mm` or
+/// file that has a pinhole at its top, or in `camera`, means both cameras by it; one that has only `range` says nothing of a picture. For depth maps `depth_png.units_per_mm` or
 /// `depth_units_per_metre` says how fine their steps are. Other keys are passed over.
 ///
 /// Open3D's files of intrinsics are understood too: `width`, `height` and `intrinsic_matrix`, 9 numbers column by column.
@@ -112,11 +114,14 @@ pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
     let file: Value = serde_json::from_slice(bytes)
         .map_err(|error| CameraError::NotJson { line: error.line(), column: error.column() })?;
     let both = file.get("camera").unwrap_or(&file);
+    let range = file.get("range");
     let color = file.get("color").or_else(|| file.get("colour"));
+    let has_both = ["fx", "intrinsic_matrix"].iter().any(|key| both.get(key).is_some());
+    let color = color.or((has_both || range.is_none()).then_some(both));
     let pose_rows = file.get("world_from_camera_mm").filter(|rows| !rows.is_null());
     Ok(CameraFile {
-        color: view(color.unwrap_or(both), "color")?,
-        range: view(file.get("range").unwrap_or(both), "range")?,
+        color: color.map(|color| view(color, "color")).transpose()?,
+        range: view(range.unwrap_or(both), "range")?,
         units: file.get("units").and_then(Value::as_str).map(str::to_owned),
         world_from_camera: pose_rows.map(pose).transpose()?,
         depth_per_mm: depth_scale(&file)?,
@@ -208,8 +213,9 @@ mod tests {
     #[test]
     fn both_cameras_and_the_pose_are_read() {
         let file = read(FILE.as_bytes()).unwrap();
-        assert_eq!(file.color.size, Some([400, 300]));
-        assert_eq!(file.color.pinhole, Pinhole { focal: [2800.0, 2700.0], center: [199.5, 149.5] });
+        let color = file.color.unwrap();
+        assert_eq!(color.size, Some([400, 300]));
+        assert_eq!(color.pinhole, Pinhole { focal: [2800.0, 2700.0], center: [199.5, 149.5] });
         assert_eq!(file.range.pinhole, Pinhole { focal: [1400.0, 1350.0], center: [99.5, 74.5] });
         assert_eq!((file.range.size, file.units.as_deref()), (None, Some("mm")));
         assert_eq!(file.world_from_camera.unwrap().column(3).as_slice(), [5.0, 6.5, -7.0, 1.0]);
@@ -220,9 +226,21 @@ mod tests {
         assert_eq!(read(FILE.replace("colour", "color").as_bytes()), read(FILE.as_bytes()));
         let one = br#"{"width": 640, "height": 480, "fx": 1, "fy": 2, "cx": 3, "cy": 4}"#;
         let file = read(one).unwrap();
-        assert_eq!(file.color, file.range);
+        assert_eq!(file.color, Some(file.range));
         assert_eq!(file.range.size, Some([640, 480]));
         assert_eq!(file.world_from_camera, None);
+    }
+
+    #[test]
+    fn a_file_may_say_nothing_of_a_picture() {
+        let text = r#"{"range": {"fx": 1, "fy": 2, "cx": 3, "cy": 4}}"#;
+        let file = read(text.as_bytes()).unwrap();
+        assert_eq!((file.color, file.range.pinhole.focal), (None, [1.0, 2.0]));
+        let both = text.replacen('{', r#"{"fx": 5, "fy": 6, "cx": 7, "cy": 8, "#, 1);
+        assert_eq!(read(both.as_bytes()).unwrap().color.unwrap().pinhole.focal, [5.0, 6.0]);
+        let broken = text.replacen('{', r#"{"color": {"width": 5}, "#, 1);
+        let missing = "the file does not say how the color camera sees: `fx` is missing";
+        assert_eq!(read(broken.as_bytes()).unwrap_err().to_string(), missing);
     }
 
     #[test]

@@ -283,7 +283,7 @@ mod tests {
         let camera = camera::read(&files[1].bytes).unwrap();
         assert_eq!(camera.depth_per_mm, Some(50.0));
         assert_eq!(camera.world_from_camera, range.world_from_camera().copied());
-        let [grid, picture] = [camera.range, camera.color];
+        let [grid, picture] = [camera.range, camera.color.unwrap()];
         assert_eq!((grid.size, picture.size), (Some([8, 6]), Some([16, 12])));
         let map = Registration::pinholes(&grid.pinhole, &picture.pinhole, [16, 12]);
         assert_eq!(&map, range.registration());

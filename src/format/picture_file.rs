@@ -116,8 +116,8 @@ impl FileReader for ImageFiles {
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let size = Some([image.width(), image.height()]);
-        let camera = camera.filter(|camera| camera.color.size == size);
-        Ok(image.with_camera(camera.map(|camera| camera.color.pinhole)))
+        let camera = camera.and_then(|camera| camera.color).filter(|camera| camera.size == size);
+        Ok(image.with_camera(camera.map(|camera| camera.pinhole)))
     }
 }
 

@@ -161,7 +161,7 @@ impl FileReader for RangeFiles {
             camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
         };
         Ok(match camera.filter(is_its_own) {
-            Some(camera) => camera.over(range, camera.color.size),
+            Some(camera) => camera.over(range, camera.color.and_then(|color| color.size)),
             None => range,
         })
     }
