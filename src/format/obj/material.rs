@@ -26,13 +26,16 @@ pub fn picture(bytes: &[u8], find: Find<'_>) -> Picture {
     let mut found = Picture::default();
     let [libraries, used] = rests(bytes, ["mtllib", "usemtl"]);
     let mut materials = Vec::new();
-    for library in libraries {
+    for library in &libraries {
         let library = library.replace('\\', "/");
         match find(&library) {
             Ok(bytes) => materials.extend(read_materials(&bytes, &library)),
             Err(why) => found.doubts.push(format!("{why}: the mesh comes without its materials")),
         }
     }
+    let is_known = |name: &&String| materials.iter().any(|material| material.name == **name);
+    let unknown = used.iter().find(|name| !is_known(name));
+    let unknown = unknown.filter(|_| !libraries.is_empty() && found.doubts.is_empty());
     if !used.is_empty() {
         let place = |material: &Material| used.iter().position(|name| *name == material.name);
         materials.retain(|material| place(material).is_some());
@@ -40,7 +43,14 @@ pub fn picture(bytes: &[u8], find: Find<'_>) -> Picture {
     }
     let mut pictures = Vec::from_iter(materials.iter().filter_map(|one| one.picture.as_ref()));
     pictures.dedup();
-    let Some(&first) = pictures.first() else { return found };
+    let Some(&first) = pictures.first() else {
+        found.doubts.extend(unknown.map(|name| {
+            let files = Vec::from_iter(libraries.iter().map(|library| format!("`{library}`")));
+            let files = files.join(", ");
+            format!("there is no material `{name}` in {files}: the mesh comes without its picture")
+        }));
+        return found;
+    };
     if materials.iter().any(|material| material.picture.as_ref() != Some(first)) {
         found.doubts.push(format!(
             "the mesh has {} materials, but shows one picture, `{first}`, also where another one or none belongs",
@@ -179,5 +189,16 @@ mod tests {
         assert_eq!(found(b"v 0 0 0\n", &[]), (None, vec![], vec![]));
         let plain = [("my things/a.mtl", "newmtl skin\nKd 1 0 0\n")];
         assert_eq!(found(MESH, &plain).1, [""; 0]);
+    }
+
+    #[test]
+    fn a_material_that_no_file_has_is_told() {
+        let other = [("my things/a.mtl", "newmtl Skin\nmap_Kd b.png\n"), ("my things/b.png", "")];
+        let text =
+            "there is no material `skin` in `my things/a.mtl`: the mesh comes without its picture";
+        assert_eq!(
+            found(MESH, &other),
+            (None, vec![text.to_owned()], vec!["my things/a.mtl".to_owned()])
+        );
     }
 }
