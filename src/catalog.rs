@@ -160,6 +160,24 @@ struct NoFormat {
     known: Vec<&'static str>,
 }
 
+/// Whether some name or description in a schema fits.
+fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
+    let is_text = |value: &Json| value.as_str().is_some_and(fits);
+    let has = |(key, value): (&String, &Json)| match (&key[..], value) {
+        ("description" | "const", text) => is_text(text),
+        ("enum", Json::Array(choices)) => choices.iter().any(is_text),
+        ("properties", Json::Object(fields)) => {
+            fields.iter().any(|(name, field)| fits(name) || has_text(field, fits))
+        }
+        (_, inner) => has_text(inner, fits),
+    };
+    match schema {
+        Json::Object(entries) => entries.iter().any(has),
+        Json::Array(items) => items.iter().any(|item| has_text(item, fits)),
+        _ => false,
+    }
+}
+
 impl Catalog {
     /// What these packs offer, beside the engine's own file formats.
     pub fn new(packs: &[&Pack]) -> Self {
@@ -289,6 +307,36 @@ impl Catalog {
 
     pub(crate) fn names(&self) -> Vec<&str> {
         self.entries.keys().map(String::as_str).collect()
+    }
+
+    /// Which nodes are described with a word, as a sentence: those that say it of themselves, or else those whose fields and choices do. Empty if
+    /// none are, or so many that nothing is meant by it, or nothing by so short a word.
+    pub(crate) fn described_with(&self, word: &str) -> String {
+        const MOST: usize = 8;
+        let word = word.to_lowercase();
+        let says = |text: &str| {
+            let text = text.to_lowercase();
+            text.split(|c: char| !c.is_alphanumeric()).any(|own| own.starts_with(&word))
+        };
+        let (mut of_themselves, mut of_fields) = (Vec::new(), Vec::new());
+        for entry in self.entries() {
+            let schema = entry.schema();
+            if schema["description"].as_str().is_some_and(says) {
+                of_themselves.push(&entry.name[..]);
+            } else if has_text(schema, &says) {
+                of_fields.push(&entry.name[..]);
+            }
+        }
+        let found = if of_themselves.is_empty() { of_fields } else { of_themselves };
+        let is_meant = 3 <= word.chars().count() && (1..=MOST).contains(&found.len());
+        let found = found.into_iter().filter(|_| is_meant).map(|name| format!("`{name}`"));
+        match &Vec::from_iter(found)[..] {
+            [] => String::new(),
+            [only] => format!("{only} is described with this word"),
+            [first @ .., last] => {
+                format!("{} and {last} are described with this word", first.join(", "))
+            }
+        }
     }
 
     /// Every type of values that the engine has, a node gives or a pack brings, by name.

@@ -21,6 +21,8 @@ use super::place::{Start, finest, together};
 /// one, so that `Merge` and `Reconstruct` take both together. (A range image that has moved does not know any more from where it was seen:
 /// what `Reconstruct` shall have should be triangulated before.) How well they fit is told with `alignment`, by which `MoveAligned` moves other
 /// things the same way.
+///
+/// In other programs: register, ICP.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Align {
     /// The scan that is moved: a range image, points or a mesh.

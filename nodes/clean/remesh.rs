@@ -22,6 +22,8 @@ mod original;
 /// corners where they end, meet or turn. The shape of what is smaller than `length` goes, holes and parts stay as many as they are.
 /// Vertices have attributes mixed from those around their places, faces those of the nearest face; attributes of corners and
 /// normals are dropped. A vertex that joins fans of faces becomes one for each.
+///
+/// In other programs: retopologize, isotropic.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Remesh {
     /// The surface.

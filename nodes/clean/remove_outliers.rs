@@ -13,6 +13,8 @@ use thiserror::Error;
 ///
 /// Of a mesh vertices are judged, and a face goes if one of its corners does; of a range image the cells with points. What stays keeps its
 /// attributes. Whole pieces that fly around are taken away by `Pieces`, what hangs at silhouettes by `FlyingPixels`.
+///
+/// In other programs: statistical outlier removal.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct RemoveOutliers {
     /// What is cleaned: a mesh, points or a range image.

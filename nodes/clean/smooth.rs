@@ -17,6 +17,8 @@ mod filter;
 /// with a radius of `length` loses less than one percent of its volume. Edges that shall stay sharp must be creases: `Crease` finds
 /// them. They and borders are smoothed along themselves, which rounds the corners of a border, and stay where they end or meet. Attributes
 /// stay, normals are dropped.
+///
+/// In other programs: relax, Laplacian.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Smooth {
     /// The surface.

@@ -13,6 +13,8 @@ use super::layout::{Layout, lay_out};
 /// one scale. No face is turned over or lies on another one, so that each place of the surface has a place of its own in a picture.
 /// The coordinates stand at the corners of faces: at a seam a vertex has several. A picture on the mesh is taken off, since it no longer
 /// fits.
+///
+/// In other programs: UV flatten, parameterize.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Unwrap {
     /// The mesh.

@@ -27,6 +27,8 @@ use maquette_mesh::Movable;
 /// vertices of a mesh are marked by the attribute `folded`. Of a control net the fixed points and the base points stay, so that
 /// a blend takes the deformation back to the scan; of a B-spline the control points move, which is near to moving the curve.
 /// Cells and texture coordinates stay, as does the camera.
+///
+/// In other programs: lattice, cage.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Ffd {
     /// What is deformed: a mesh, a range image, points, a curve or a control net.

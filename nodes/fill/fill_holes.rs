@@ -44,6 +44,8 @@ use super::triangles::filling::Filling;
 ///
 /// The outer border of an open scan is no hole: of each connected part whose faces mostly look to one side, and of each that comes from a
 /// capture, the border around it stays, and a warning says so. A mesh without holes stays as it is.
+///
+/// In other programs: cap, patch, inpaint.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillHoles {
     /// The mesh; its faces may be any polygons.

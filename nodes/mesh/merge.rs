@@ -24,6 +24,8 @@ use super::poses::Poses;
 /// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out; these colors are
 /// kept if all meshes have a picture or colors. No meshes, as a `ForEach` over data without elements gives, make an empty mesh, with
 /// a warning.
+///
+/// In other programs: join, append.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Merge {
     /// The meshes, in the order in which their vertices follow.

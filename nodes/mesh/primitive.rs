@@ -13,6 +13,8 @@ use thiserror::Error;
 /// Makes a simple solid: a box, a cylinder or a sphere, such as one that `Boolean` cuts or unites a scan with.
 ///
 /// It is closed and looks outward. `Transform` turns it and moves it.
+///
+/// In other programs: cube, tube.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Primitive {
     /// What it is.

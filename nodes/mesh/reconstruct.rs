@@ -35,6 +35,8 @@ mod tests;
 /// outside; range images know their sensor's side; elsewhere normals are estimated and turned outwards. The skin is manifold, its faces
 /// are evenly large. Points and vertices with an attribute `confidence` count as much as it says, those without 1. Vertices far from all
 /// points are flagged `filled`; colors are kept if all sources have some.
+///
+/// In other programs: Poisson, voxel, wrap, shrinkwrap.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Reconstruct {
     /// Points, range images, or meshes, of which the vertices and normals are taken.

@@ -13,6 +13,8 @@ use super::knot_vectors::even_knots::is_even;
 ///
 /// Each point of the profile becomes a row of nine points on a square. The profile's first point belongs at the bottom, so that the
 /// outside of the surface is outside.
+///
+/// In other programs: lathe, spin.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Revolve {
     /// The profile, from the bottom to the top: a curve in the plane z = 0, x the distance from the axis. A B-spline's control

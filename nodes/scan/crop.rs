@@ -14,6 +14,8 @@ use super::within::{Within, kept};
 ///
 /// A face of a mesh goes if one of its corners does: nothing is cut through. Vertices that no face needs any more go along. Of a range image
 /// the cells have no point any more, and `Triangulate` joins nothing there.
+///
+/// In other programs: clip, slice, bounding box.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Crop {
     /// What is cropped: a mesh, points or a range image.

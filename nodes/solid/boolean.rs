@@ -14,6 +14,8 @@ use crate::operation::Operation;
 /// also where walls lie in one plane. What lies on one of the solids alone, such as its picture, lies on the other as at the nearest
 /// place; it is mixed where edges are cut. Of two pictures vertex colors are made, as by `Merge`, and normals are dropped. A solid of no
 /// capture, such as a `Primitive`, is taken as it lies: the result is seen by the camera of `mesh`, and has its axes.
+///
+/// In other programs: CSG, union, difference, subtract.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Boolean {
     /// The solid.

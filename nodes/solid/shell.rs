@@ -26,6 +26,8 @@ use crate::volume::volume;
 /// The surface itself stays as it is, unless it lies in the middle. The other side is as far from it everywhere as the shell is thick, and there is none where there is no
 /// room for it: a finger becomes solid. At its borders there are walls. Where the surface itself is the skin of something thinner, or a border meets the surface at a sharp
 /// angle, the shell is thinner, and that is told. What lies on the surface lies on the other side as at the nearest place.
+///
+/// In other programs: solidify, thicken, extrude.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Shell {
     /// The surface.

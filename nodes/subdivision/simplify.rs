@@ -20,6 +20,8 @@ mod wedges;
 /// few. Borders, creases and the seams of a texture keep their shape: their vertices only move along them, and their ends stay. The result
 /// is triangles; vertex attributes are mixed as the vertices are, those of corners on each side of a seam by itself; face attributes stay
 /// with their faces, normals are dropped.
+///
+/// In other programs: decimate, PolyReduce.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Simplify {
     /// What becomes coarser; polygons are cut into triangles first.

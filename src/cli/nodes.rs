@@ -10,7 +10,7 @@ use super::{Exit, print, print_json, program, report};
 use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
 use crate::error::{Problem, Severity};
 use crate::graph::{Files, Graph, Options, Subgraph};
-use crate::text::{any_of, inside, unknown, variants};
+use crate::text::{any_of, inside, nearest, unknown, variants};
 
 #[derive(Args)]
 pub(super) struct Nodes {
@@ -41,7 +41,12 @@ impl Nodes {
         }
         let Some(entry) = catalog.find(name) else {
             let message = format!("there is no node type `{name}`");
-            return Exit::Usage(unknown(message, name, "node types", &catalog.names()));
+            let names = catalog.names();
+            let described = catalog.described_with(name);
+            return Exit::Usage(match nearest(name, names.iter().copied()).is_empty() {
+                true if !described.is_empty() => format!("{message}; {described}"),
+                _ => unknown(message, name, "node types", &names),
+            });
         };
         self.print(&[entry.description()]);
         Exit::Done

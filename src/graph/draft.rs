@@ -314,9 +314,11 @@ impl<'a> Check<'_, 'a> {
                 (Some(near), Some(packs)) => format!("{near} Or {packs}").into(),
                 (Some(near), None) => near,
                 (None, Some(packs)) => packs.into(),
-                (None, None) => {
-                    "the command `nodes` lists those of this program; others come in packs".into()
-                }
+                (None, None) => match &self.world.catalog.described_with(&kind.text)[..] {
+                    "" => "the command `nodes` lists those of this program; others come in packs"
+                        .into(),
+                    others => format!("{others}; others come in packs").into(),
+                },
             }
         });
         let (code, span) = (code::UNKNOWN_NODE, kind.span);

@@ -210,6 +210,10 @@ fn unknown_names_get_a_guess_or_a_list_and_no_loose_end() {
             &["nodes", "Tresh"][..],
             "error: there is no node type `Tresh`; did you mean `Threshold`?\n",
         ),
+        (
+            &["nodes", "decimate"],
+            "error: there is no node type `decimate`; `Simplify` is described with this word\n",
+        ),
         (&["why", "a.ron", "foo"], "error: the graph has no node `foo`; its nodes: m\n"),
         (
             &["run", "a.ron", "--only", "nope"],

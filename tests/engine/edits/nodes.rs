@@ -89,6 +89,13 @@ fn what_cannot_be_added_is_refused() {
     );
     check_refused(
         DOLL,
+        add("blue", "Solidify", &red, None),
+        expect![
+            "G003 32:17 there is no node type `Solidify` (`Shell` is described with this word; others come in packs)"
+        ],
+    );
+    check_refused(
+        DOLL,
         add("blue", "Otsu(), \"x\": Label", &red, None),
         expect![[
             r#"G003 1:1 `Otsu(), "x": Label` cannot be the name of a node type (letters, digits and `_`, no digit first)"#
