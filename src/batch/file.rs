@@ -339,7 +339,7 @@ impl Checker<'_> {
         let named = Vec::from_iter(rows.rows.iter().map(|row| template.name(&row.values)));
         let span = out.map_or(tree.span, |out| out.span);
         let told = |index: usize| values_in_words(&names, &rows.rows[index].values);
-        let (message, help) = match clash(&named) {
+        let (message, help): (_, Help) = match clash(&named) {
             None => {
                 let task = |(name, mut row): (String, Row)| {
                     // What a task sets itself counts.
@@ -359,21 +359,21 @@ impl Checker<'_> {
                     told(first),
                     told(second)
                 ),
-                "name what differs: `out: \"{a}/{b}\"`; capital letters do not count",
+                telling_apart(&rows, &template, &file.out, [first, second]).into(),
             ),
             Some(Clash::Inside(outer, inner)) => (
                 format!(
                     "the folder `{}` of one task lies in `{}`, which is that of another",
                     named[inner], named[outer]
                 ),
-                "give all tasks equally many folders",
+                "give all tasks equally many folders".into(),
             ),
             Some(Clash::Own(index)) => (
                 format!(
                     "no task can have the name `{}`: the batch has its records and its contact sheet there",
                     named[index]
                 ),
-                "put a word before it: `out: \"of-{a}\"`",
+                "put a word before it: `out: \"of-{a}\"`".into(),
             ),
         };
         self.find(code::BAD_NAME, span, message, help);
@@ -515,6 +515,25 @@ fn place(problem: &Problem) -> String {
 pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
     let each = names.iter().zip(values).map(|(name, value)| format!("{name} = {value}"));
     Vec::from_iter(each).join(", ")
+}
+
+/// What gives two tasks, which have one name by this template, names of their own: all values that differ somewhere and that it does not tell.
+fn telling_apart(rows: &Rows, by: &Template, out: &str, [first, second]: [usize; 2]) -> String {
+    let values = |row: usize| &rows.rows[row].values;
+    if values(first) == values(second) {
+        return "the same values stand there twice: leave one of them out".into();
+    }
+    let differs = |index: usize| {
+        let values = rows.rows.iter().map(|row| &row.values[index]);
+        values.collect::<BTreeSet<_>>().len() > 1
+    };
+    let untold = (0..rows.names.len()).filter(|&index| !by.tells(index) && differs(index));
+    match String::from_iter(untold.map(|index| format!("_{{{}}}", rows.names[index].0))) {
+        all_told if all_told.is_empty() => {
+            "in names capital letters do not count, and one `-` stands for all that is no letter, digit, `.`, `_`, `+` or `-`".into()
+        }
+        untold => format!("name what differs: `out: {}`", quoted(&format!("{out}{untold}"))),
+    }
 }
 
 fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {

@@ -82,6 +82,11 @@ impl Template {
         Self { pieces: pieces.collect() }
     }
 
+    /// Whether the name tells this one of the values.
+    pub(super) fn tells(&self, value: usize) -> bool {
+        self.pieces.iter().any(|piece| matches!(piece, Piece::Value(index) if *index == value))
+    }
+
     /// The name with these values.
     pub(super) fn name(&self, values: &[String]) -> String {
         let mut name = String::new();

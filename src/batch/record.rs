@@ -45,8 +45,8 @@ pub(crate) struct Record {
     /// How many nodes came to which end.
     pub(crate) nodes: BTreeMap<String, usize>,
     pub(crate) outputs: Vec<Output>,
-    /// Whether there is a picture beside this file.
-    pub(crate) picture: bool,
+    /// What the contact sheet shows, beside this file.
+    pub(crate) picture: Option<Output>,
     /// As `--json` tells them.
     pub(crate) problems: Vec<Json>,
     /// The hash of the graph with these values, of what is shown, and of the program; none where the graph could not be read.
@@ -57,7 +57,7 @@ pub(crate) struct Record {
     pub(crate) as_read: Vec<KnownFile>,
 }
 
-/// A file that a task has written.
+/// A file that a task has written, or its picture.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Output {
     /// The name of the output.

@@ -106,22 +106,24 @@ impl Batch<'_> {
             return self.retries.then(|| "it failed".to_owned());
         }
         record.as_read.clone_from(&files.as_read);
-        if let Some(name) = self.changed_output(record) {
-            return Some(format!("its output `{name}` is not as it was left"));
-        }
-        let has_picture = !record.picture || picture_path(self.out, &record.name).is_file();
-        (!has_picture).then(|| "its picture is not there".to_owned())
+        let what = self.changed_file(record)?;
+        Some(format!("{what} is not as it was left"))
     }
 
-    /// The first output that is not as it was left. If all are, and some were too young before to be believed without a look at their
-    /// content, the record says that they are not any more.
-    fn changed_output(&self, record: &mut Record) -> Option<String> {
+    /// The first output, or the picture, that is not as it was left. If all are, and some were too young before to be believed without a
+    /// look at their content, the record says that they are not any more.
+    fn changed_file(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
-        for output in &mut record.outputs {
+        let outputs = record.outputs.iter_mut().map(|output| (false, output));
+        let picture = record.picture.iter_mut().map(|picture| (true, picture));
+        for (is_picture, output) in outputs.chain(picture) {
             let path = self.out.join(&output.path);
             let before = output.left.as_ref().is_some_and(Left::is_settled);
             if !output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash)) {
-                return Some(output.name.clone());
+                return Some(match is_picture {
+                    true => "its picture".into(),
+                    false => format!("its output `{}`", output.name),
+                });
             }
             is_better_known |= !before && output.left.as_ref().is_some_and(Left::is_settled);
         }
@@ -136,7 +138,7 @@ impl Batch<'_> {
     pub(super) fn settle(&self, task: &Task) {
         if let Some(mut record) = Record::read(self.out, &task.name) {
             // One that somebody has changed is found by the next batch.
-            let _ = self.changed_output(&mut record);
+            let _ = self.changed_file(&mut record);
         }
     }
 
@@ -202,6 +204,8 @@ impl Batch<'_> {
         if let Some(picture) = &done.picture {
             destination.write(&path, picture).map_err(|why| cannot(&path, &why))?;
         }
+        let picture =
+            done.picture.map(|bytes| self.left("picture", &path, bytes.len(), Hash::of(&bytes)));
         let has_error = problems.iter().any(|problem| problem.severity == Severity::Error);
         let names = self.sweep.names.iter().cloned();
         let record = Record {
@@ -212,7 +216,7 @@ impl Batch<'_> {
             seconds: start.elapsed().as_secs_f64(),
             nodes: counts(&done.trace),
             outputs: done.outputs,
-            picture: done.picture.is_some(),
+            picture,
             problems: problems.iter().map(Problem::to_json).collect(),
             key,
             files: files.by_name,
@@ -241,19 +245,24 @@ impl Batch<'_> {
             Err(_) => return Done::default(),
         };
         let picture = self.picture(session, graph, cancel);
-        let output = |file: &crate::session::Written| {
-            let path = file.path.strip_prefix(self.out).unwrap_or(&file.path);
-            let parts = path.components().map(|part| part.as_os_str().to_string_lossy());
-            Output {
-                name: file.output.clone(),
-                path: Vec::from_iter(parts).join("/"),
-                bytes: file.bytes,
-                hash: file.hash,
-                left: Left::at(&file.path),
-            }
-        };
-        let outputs = produced.written.iter().map(output).collect();
+        let written = produced.written.iter();
+        let outputs = written
+            .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
+            .collect();
         Done { outputs, picture, trace: produced.trace(), problems: produced.problems }
+    }
+
+    /// A file that was just written.
+    fn left(&self, name: &str, path: &Path, bytes: usize, hash: Hash) -> Output {
+        let own = path.strip_prefix(self.out).unwrap_or(path);
+        let parts = own.components().map(|part| part.as_os_str().to_string_lossy());
+        Output {
+            name: name.to_owned(),
+            path: Vec::from_iter(parts).join("/"),
+            bytes,
+            hash,
+            left: Left::at(path),
+        }
     }
 
     /// The picture of a task for the contact sheet; none if nothing can be seen.

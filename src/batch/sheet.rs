@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
 
-use super::record::{Record, State, picture_path};
+use super::record::{Record, State};
 use super::{Batch, Sweep};
 use crate::base64::base64;
 use crate::plain;
@@ -85,8 +85,8 @@ fn script() -> String {
 }
 
 fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
-    let picture =
-        record.picture.then(|| plain::read_own(&picture_path(out, &record.name)).ok()).flatten();
+    let picture = record.picture.as_ref();
+    let picture = picture.and_then(|picture| plain::read_own(&out.join(&picture.path)).ok());
     let picture = picture.map(|bytes| format!("data:image/jpeg;base64,{}", base64(&bytes)));
     let file = |output: &super::record::Output| json!({ "name": output.name, "path": output.path, "bytes": output.bytes });
     let problem = |problem: &Json| {

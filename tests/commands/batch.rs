@@ -202,6 +202,36 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
 }
 
 #[test]
+fn tasks_of_one_name_are_told_what_gives_them_their_own() {
+    let project = scanned(&["a"], SWEEP);
+    let help = |over: &str, out: &str| {
+        let sweep = format!("Sweep(graph: \"doll.ron\", over: {over}, out: \"{out}\")");
+        write(&project, "doll.sweep.ron", &sweep);
+        let told = project.maquette(&["batch", "doll.sweep.ron"]);
+        assert_eq!(told.status.code(), Some(1));
+        let told = String::from_utf8(told.stderr).unwrap();
+        told.split("help: ").nth(1).expect("help").trim_end().to_owned()
+    };
+    let two = "Product([Values(\"growth\", [5, 12]), Values(\"levels\", [0, 1])])";
+    let named = help(two, "{growth}");
+    assert!(named.ends_with("name what differs: `out: \"{growth}_{levels}\"`"), "{named}");
+    assert!(
+        problems(
+            &project,
+            &format!("Sweep(graph: \"doll.ron\", over: {two}, out: \"{{growth}}_{{levels}}\")")
+        )
+        .is_empty()
+    );
+    let all = help(two, "one");
+    assert!(all.ends_with("name what differs: `out: \"one_{growth}_{levels}\"`"), "{all}");
+    let twice = help("Values(\"growth\", [5, 12, 5])", "{growth}");
+    assert!(twice.ends_with("the same values stand there twice: leave one of them out"), "{twice}");
+    let colors =
+        help("Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])", "{red.select.color}");
+    assert!(colors.contains("capital letters do not count"), "{colors}");
+}
+
+#[test]
 fn values_for_all_that_count_for_none_are_told() {
     let project = scanned(&["a"], SWEEP);
     let set = SWEEP.replace(
@@ -332,6 +362,13 @@ fn a_change_runs_its_own_tasks_and_no_others() {
     let (_, document) = batch(&project, &[]);
     assert_eq!(ran(&document), ["a/5_0", "b/5_0"]);
     assert!(fs::read(project.folder().join("all/a/5_0/model.ply")).unwrap().starts_with(b"ply"));
+    // A picture of the contact sheet.
+    let picture = project.folder().join("all/tasks/a/5_0.jpg");
+    let before = fs::read(&picture).unwrap();
+    fs::write(&picture, "no picture").unwrap();
+    assert_eq!(ran(&batch(&project, &[]).1), ["a/5_0"]);
+    assert_eq!(fs::read(&picture).unwrap(), before);
+    assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
     // The graph.
     fs::write(project.graph(), project.doll_text(12.0).replace("distance: 30.0", "distance: 31.0"))
         .unwrap();
