@@ -103,8 +103,9 @@ pub enum CameraError {
 
 /// The cameras in a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole `fx fy cx cy` and, if
 /// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
-/// file that has a pinhole at its top, or in `camera`, means both cameras by it; one that has only `range` says nothing of a picture. For depth maps `depth_png.units_per_mm` or
-/// `depth_units_per_metre` says how fine their steps are. Other keys are passed over.
+/// file that has a pinhole at its top, or in `camera`, means both cameras by it; one that has only `range` says nothing of a
+/// picture. For depth maps `depth_png.units_per_mm` or `depth_units_per_metre` says how fine their steps are. Other keys are passed
+/// over.
 ///
 /// Open3D's files of intrinsics are understood too: `width`, `height` and `intrinsic_matrix`, 9 numbers column by column.
 ///
