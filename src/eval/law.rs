@@ -6,9 +6,9 @@
 //!
 //! `LAW_SEQUENCES` says how many sequences are tried, `PROPTEST_RNG_SEED` which.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
@@ -18,7 +18,6 @@ use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::node::CancelToken;
-use crate::parallel::*;
 use crate::value::Hash;
 
 mod pack;
@@ -34,6 +33,9 @@ use step::{Command, Step};
 
 /// How many sequences are tried, unless `LAW_SEQUENCES` says otherwise.
 const SEQUENCES: u64 = 1000;
+
+/// More than cores: sequences often wait, for files to become older and for the disk.
+const THREADS: usize = 16;
 
 /// Enough for all results of a sequence.
 const AMPLE: usize = 1 << 24;
@@ -63,10 +65,22 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
         });
         failure.err()
     };
-    // More threads than cores: sequences often wait, for files to become older and for the disk.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(16).build().unwrap();
-    let failure = pool.install(|| (0..shards).into_par_iter().find_map_first(follow_shard));
-    if let Some(failure) = failure {
+    // No tasks of a common pool: while one waits for its evaluation it would begin others, until all have their own threads and none ends.
+    let (next, failures) = (AtomicU64::new(0), Mutex::new(BTreeMap::new()));
+    let follow_shards = || {
+        while let Some(shard) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
+        {
+            if let Some(failure) = follow_shard(shard) {
+                // Those before it are followed to their end.
+                next.store(shards, Ordering::Relaxed);
+                lock(&failures).insert(shard, failure);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        (0..THREADS).for_each(|_| drop(scope.spawn(follow_shards)));
+    });
+    if let Some((_, failure)) = lock(&failures).first_key_value() {
         panic!("after some {} sequences: {failure}", broken.into_inner());
     }
 }
