@@ -51,12 +51,11 @@ const MOST: usize = 200;
 pub(super) fn proposals(library: &Library<'_>, text: &str, at: usize) -> Proposals {
     let scope = Scope::of(text);
     let cursor = cursor(text, at);
-    let span = replaced(text, &cursor, at);
-    if cursor.typed.kind == TypedKind::Comment {
-        return Proposals { span, list: Vec::new() };
-    }
     let slots = Slots { library, scope: &scope };
     let (inside, slot) = slots.at(&cursor.frames);
+    let Some(span) = replaced(text, &cursor, &slot, at) else {
+        return Proposals { span: Span { start: at, end: at }, list: Vec::new() };
+    };
     let search = Search { library, scope: &scope, text, cursor: &cursor, at };
     let is_named = cursor.frames.last().is_some_and(|frame| frame.field.is_some());
     let mut list = match inside {
@@ -65,37 +64,35 @@ pub(super) fn proposals(library: &Library<'_>, text: &str, at: usize) -> Proposa
         _ if cursor.frames.is_empty() => search.beginnings(),
         _ => search.values(&slot),
     };
-    let (start, typed) = match slot {
-        Slot::Expression if is_text(&cursor) => {
-            let start = expression_word(text, &cursor, at);
-            (start, &text[start..at])
-        }
-        _ => (span.start, &text[span.start.min(at)..at]),
-    };
-    rank(&mut list, typed);
+    rank(&mut list, &text[span.start..at]);
     list.truncate(MOST);
-    Proposals { span: Span { start, ..span }, list }
+    Proposals { span, list }
 }
 
 fn is_text(cursor: &Cursor) -> bool {
     cursor.typed.kind == TypedKind::Text
 }
 
-/// What a proposal replaces: the word or text at the place; of a text without an end only what stands before the place.
-fn replaced(text: &str, cursor: &Cursor, at: usize) -> Span {
-    let span = cursor.typed.span;
-    let is_closed = !is_text(cursor) || text[span.end..].starts_with('"');
-    Span {
-        start: span.start,
-        end: if is_closed { span.end } else { at.clamp(span.start, span.end) },
+/// The part of the cursor's line that a proposal replaces: the word or text there, and in an expression the word of it; of a text that does not
+/// end on the line only what is before the cursor. `None` in comments, and where a name would begin on an earlier line.
+fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span> {
+    let Span { start, end } = cursor.typed.span;
+    match cursor.typed.kind {
+        TypedKind::Comment => None,
+        TypedKind::Nothing | TypedKind::Word => Some(Span { start, end }),
+        TypedKind::Text => {
+            let (before, behind) = (&text[start..at], &text[at..end]);
+            if matches!(slot, Slot::Expression) {
+                let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+                let start = start + before.trim_end_matches(is_part).len();
+                let end = end - behind.trim_start_matches(is_part).len();
+                return Some(Span { start, end });
+            }
+            let is_closed = text[end..].starts_with('"') && !behind.contains(['\n', '\r']);
+            let is_of_line = !before.contains(['\n', '\r']);
+            is_of_line.then_some(Span { start, end: if is_closed { end } else { at } })
+        }
     }
-}
-
-/// Where the word begins that stands before a place in an expression.
-fn expression_word(text: &str, cursor: &Cursor, at: usize) -> usize {
-    let before = &text[cursor.typed.span.start..at];
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-    cursor.typed.span.start + before.trim_end_matches(is_part).len()
 }
 
 /// Leaves what may be meant by what has been typed, the likeliest first: what begins so, then what has it in it, then its letters in order.
@@ -110,7 +107,8 @@ fn rank(list: &mut Vec<Proposal>, typed: &str) {
             None => typed.chars().all(|c| rest.any(|other| other == c)).then_some(2),
         }
     };
-    list.retain(|proposal| distance(&proposal.label).is_some());
+    // A name over several lines is a string without an end.
+    list.retain(|it| distance(&it.label).is_some() && !it.label.contains(['\n', '\r']));
     list.sort_by_key(|proposal| (distance(&proposal.label), proposal.rank));
     let mut seen = BTreeSet::new();
     list.retain(|proposal| seen.insert((proposal.label.clone(), proposal.insert.clone())));

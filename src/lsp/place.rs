@@ -1,5 +1,6 @@
 //! Places in texts and files as editors say them: lines, columns of one of three widths, and URIs.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use gen_lsp_types::{Position, PositionEncodingKind, Range, TextEdit, Uri};
@@ -47,6 +48,16 @@ impl Columns {
     }
 }
 
+/// A text of the same length in which each `\r` without a `\n` is one. Editors end a line there, and the index does not.
+fn with_line_feeds(text: &str) -> Cow<'_, str> {
+    let ends =
+        |at: usize| text.as_bytes()[at] == b'\r' && text.as_bytes().get(at + 1) != Some(&b'\n');
+    if !text.bytes().enumerate().any(|(at, _)| ends(at)) {
+        return text.into();
+    }
+    text.char_indices().map(|(at, c)| if ends(at) { '\n' } else { c }).collect()
+}
+
 /// The lines of a text.
 pub(super) struct Lines<'t> {
     text: &'t str,
@@ -56,7 +67,7 @@ pub(super) struct Lines<'t> {
 
 impl<'t> Lines<'t> {
     pub(super) fn new(text: &'t str, columns: Columns) -> Self {
-        Self { text, index: LineIndex::new(text), columns }
+        Self { text, index: LineIndex::new(&with_line_feeds(text)), columns }
     }
 
     pub(super) fn text(&self) -> &'t str {
@@ -186,6 +197,17 @@ mod tests {
             lines.position(4).min(lines.position(3)),
             "inside of a letter"
         );
+    }
+
+    #[test]
+    fn a_line_ends_with_any_of_the_three_ends() {
+        let lines = Lines::new("a\rb\r\nc\nd\r", Columns::Utf16);
+        let starts = [0, 2, 5, 7, 9];
+        for (line, at) in (0..).zip(starts) {
+            assert_eq!(lines.position(at), Position { line, character: 0 });
+            assert_eq!(lines.offset(Position { line, character: 0 }), at);
+        }
+        assert_eq!(lines.offset(Position { line: 0, character: 5 }), 1);
     }
 
     #[test]

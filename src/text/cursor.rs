@@ -145,6 +145,48 @@ fn inside(text: &str, at: Span) -> Span {
     Span { start: at.start + start, end: at.start + end.max(start) }
 }
 
+/// A text has this many strings without an end at most that are recovered from, so that a broken one is read in little more time.
+const MAX_RECOVERIES: usize = 16;
+
+/// The tokens of a text that is being written. A string without an end reaches to the next quote, which begins another string: it is cut at the
+/// end of its line, and what follows is read anew.
+fn recovered_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
+    let mut tokens = Vec::new();
+    let (mut start, mut recoveries) = (0, 0);
+    while start < text.len() {
+        let from = start;
+        start = text.len();
+        for (kind, span) in raw_tokens(&text[from..]) {
+            let span = Span { start: from + span.start, end: from + span.end };
+            match unclosed_end(text, kind, span).filter(|_| recoveries < MAX_RECOVERIES) {
+                Some(end) => {
+                    tokens.push((kind, Span { end, ..span }));
+                    (start, recoveries) = (end, recoveries + 1);
+                    break;
+                }
+                None => tokens.push((kind, span)),
+            }
+        }
+    }
+    tokens
+}
+
+/// The end of the first line of a string over several lines that has no closing quote, or one behind which no value can end.
+fn unclosed_end(text: &str, kind: SyntaxKind, at: Span) -> Option<usize> {
+    if !matches!(kind, SyntaxKind::String | SyntaxKind::RawString) {
+        return None;
+    }
+    let line = text[at.start..at.end].find(['\n', '\r'])?;
+    let rest = &text[at.end..];
+    let ends_value = rest.is_empty()
+        || rest.starts_with(|c: char| c.is_whitespace() || ",:)]}".contains(c))
+        || rest.starts_with("//")
+        || rest.starts_with("/*");
+    // Without a closing quote, what is inside ends with the line.
+    let is_closed = inside(text, at).end != at.start + line;
+    (!(is_closed && ends_value)).then_some(at.start + line)
+}
+
 /// Whether a quote behind this would be a part of the text.
 fn ends_escaped(text: &str) -> bool {
     (text.len() - text.trim_end_matches('\\').len()) % 2 == 1
@@ -155,7 +197,7 @@ pub(crate) fn cursor(text: &str, at: usize) -> Cursor {
     let at = (0..=at.min(text.len())).rfind(|&at| text.is_char_boundary(at)).unwrap_or(0);
     let mut walk = Walk::default();
     let mut typed = Typed { kind: TypedKind::Nothing, span: Span { start: at, end: at } };
-    let mut tokens = raw_tokens(text).peekable();
+    let mut tokens = recovered_tokens(text).into_iter().peekable();
     while let Some((kind, span)) = tokens.next_if(|(_, span)| span.start < at) {
         if at < span.end || (at == span.end && is_open_end(text, kind, span)) {
             typed = Typed::of(text, kind, span, at);
@@ -253,7 +295,7 @@ impl Typed {
 /// Tells of all names, words and texts of a text in their order, each with the brackets around it.
 pub(crate) fn each_word(text: &str, mut see: impl FnMut(&[Frame], Passed<'_>)) {
     let mut walk = Walk::default();
-    for (kind, span) in raw_tokens(text) {
+    for (kind, span) in recovered_tokens(text) {
         walk.pass(text, kind, span, &mut see);
     }
     if let Some((name, kind)) = walk.last.take() {
@@ -305,6 +347,11 @@ mod tests {
         check("A(b: \"ä|ö\")", "A(b#0 Text `äö`");
         check("A(b: r#\"x|y\"#)", "A(b#0 Text `xy`");
         check("A(b: \"x\"|)", "A(b#0 Nothing ``");
+        // A string over several lines is one, unless its last quote begins another string.
+        check("A(b: \"x\n |y\")", "A(b#0 Text `x\n y`");
+        check("A(b: \"x|\n c: \"y\")", "A(b#0 Text `x`");
+        check("A(b: \"x\r\n c: \"y|\")", "A(b#0 Text `y`");
+        check("A(b: {\"k\": \"x\r \"l\": B(c: \"|\n \"m\": 2", "A(b#0 {k#0 Text ``");
         check("A(b: \"x\"), |", " Nothing ``");
         check(")}|", " Nothing ``");
     }

@@ -8,6 +8,7 @@ use serde_json::{Value as Json, json};
 
 mod completion;
 mod editor;
+mod edits;
 mod law;
 mod names;
 mod refactor;

@@ -257,7 +257,8 @@ impl Search<'_> {
             let name = entry.file_name().to_string_lossy().into_owned();
             let is_folder = entry.path().is_dir();
             let is_own = entry.path() == self.library.path;
-            if name.starts_with('.') || is_own || !(is_folder || fits(&name)) {
+            let is_plain = !name.contains(['"', '\\', '\n', '\r']);
+            if name.starts_with('.') || is_own || !is_plain || !(is_folder || fits(&name)) {
                 continue;
             }
             let slash = if is_folder { "/" } else { "" };

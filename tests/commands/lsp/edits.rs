@@ -1,0 +1,333 @@
+//! What an editor writes into a text that is not in order yet: an edit stays on its line and takes away nothing beside it.
+//!
+//! `SEED` chooses the positions that are tried in large texts.
+
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+
+use super::editor::{Editor, edited, uri};
+use super::{GRAPHS, Place, face, files};
+
+/// All positions of texts up to this length are tried.
+const SMALL: usize = 700;
+
+/// So many positions of a large text are tried.
+const SAMPLES: usize = 6;
+
+const TEXT: &str = r##"Graph(
+    format: 1,
+    params: { "growth": Number(default: 1.0, unit: "mm"), "hue": Color(default: "#ffffff") },
+    nodes: {
+        // A "comment.
+        "ball": ReadMesh(path: "ball.obj"), /* "another
+        one */
+        "häu😀t": Subdivide(mesh: "ball", scheme: Loop, levels: Expr("growth * 2
+            + growth / 3")),
+        "s": Transform(mesh: r#"häu😀t"#, translate: (0, Param("growth"), 0)),
+    },
+    outputs: { "b.ply": "s" },
+)
+"##;
+
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (self.0 >> 33) as usize % end.max(1)
+    }
+}
+
+/// A text with its lines, as editors see them: each with its end.
+fn lines(text: &str) -> Vec<&str> {
+    let (mut lines, mut start) = (Vec::new(), 0);
+    for (at, c) in text.char_indices() {
+        let ends = c == '\n' || c == '\r' && !text[at..].starts_with("\r\n");
+        if ends {
+            lines.push(&text[start..=at]);
+            start = at + 1;
+        }
+    }
+    lines.push(&text[start..]);
+    lines
+}
+
+fn without_end(line: &str) -> &str {
+    line.trim_end_matches(['\r', '\n'])
+}
+
+/// The byte of a column, which must be one of this line.
+fn column(line: &str, units: u64) -> usize {
+    let line = without_end(line);
+    let mut passed = 0;
+    for (at, c) in line.char_indices() {
+        if passed == units {
+            return at;
+        }
+        passed += c.len_utf16() as u64;
+    }
+    assert_eq!(passed, units, "there is no such column in `{line}`");
+    line.len()
+}
+
+/// The text after an edit that must stay on this line and contain this column.
+fn applied(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
+    let range = &edit["range"];
+    let number = |path: &str| range.pointer(path).and_then(Json::as_u64).unwrap();
+    assert_eq!(number("/start/line"), line as u64, "the edit is on another line");
+    assert_eq!(number("/end/line"), line as u64, "the edit is not on one line");
+    let (start, end) = (number("/start/character"), number("/end/character"));
+    assert!(start <= at && at <= end, "{start}..{end} does not contain {at}");
+    let old = lines[line];
+    let (start, end) = (column(old, start), column(old, end));
+    // What is replaced is a word, or inside of quotes.
+    let gone = &old[start..end];
+    assert!(!gone.contains('"') || gone.contains('\\'), "`{gone}` is taken away");
+    let new = edit["newText"].as_str().unwrap();
+    let (before, behind) = (lines[..line].concat(), lines[line + 1..].concat());
+    format!("{before}{}{new}{}{behind}", &old[..start], &old[end..])
+}
+
+/// Applies all completions at a position. Returns how many there are.
+fn complete(editor: &mut Editor, path: &Path, text: &str, at: usize) -> usize {
+    let (lines, mut line, mut start) = (lines(text), 0, 0);
+    while start + lines[line].len() <= at && line + 1 < lines.len() {
+        start += lines[line].len();
+        line += 1;
+    }
+    let units = text[start..at].encode_utf16().count() as u64;
+    let position = json!({ "line": line, "character": units });
+    let asked = json!({ "textDocument": { "uri": uri(path) }, "position": position });
+    let found = editor.ask("textDocument/completion", asked);
+    // What is no file of ours has none.
+    let items = found["items"].as_array().map_or(&[][..], Vec::as_slice);
+    for item in items {
+        assert!(item.get("additionalTextEdits").is_none(), "{item}");
+        assert!(!item["label"].as_str().unwrap().contains(['\n', '\r']), "{item}");
+        let new = applied(&lines, &item["textEdit"], line, units);
+        // All around the line is as it was, and on it what is before and behind the range.
+        let (before, behind) = (&text[..start], &text[start + lines[line].len()..]);
+        assert!(before.len() + behind.len() <= new.len());
+        assert!(new.starts_with(before) && new.ends_with(behind));
+    }
+    items.len()
+}
+
+/// Says at which position of which text a law is broken.
+struct Told<'a> {
+    seed: u64,
+    text: &'a str,
+    at: usize,
+}
+
+impl Drop for Told<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let (before, behind) = self.text.split_at(self.at);
+            println!("SEED={}\n{before}<HERE>{behind}", self.seed);
+        }
+    }
+}
+
+fn boundaries(text: &str) -> Vec<usize> {
+    let is_one = |at: &usize| {
+        text.is_char_boundary(*at)
+            && !(text[..*at].ends_with('\r') && text[*at..].starts_with('\n'))
+    };
+    (0..=text.len()).filter(is_one).collect()
+}
+
+/// The byte of each of some letters.
+fn places_of(text: &str, letters: &[char]) -> Vec<usize> {
+    text.match_indices(letters).map(|(at, _)| at).collect()
+}
+
+fn without(text: &str, at: usize) -> String {
+    let mut text = text.to_owned();
+    text.remove(at);
+    text
+}
+
+/// Texts that are not in order.
+fn broken(text: &str, random: &mut Random, all: bool) -> Vec<String> {
+    let mut texts = vec![text.to_owned(), text.trim_end().to_owned()];
+    for letters in [&['"'][..], &['(', ')', '[', ']', '{', '}']] {
+        let places = places_of(text, letters);
+        match all {
+            true => texts.extend(places.iter().map(|&at| without(text, at))),
+            false => {
+                texts.extend(places.get(random.below(places.len())).map(|&at| without(text, at)))
+            }
+        }
+    }
+    let cuts = boundaries(text);
+    let count = if all { 12 } else { 1 };
+    texts.extend((0..count).map(|_| text[..cuts[random.below(cuts.len())]].to_owned()));
+    texts
+}
+
+#[test]
+fn a_completion_changes_its_line_alone_in_any_text() {
+    let seed = std::env::var("SEED").ok().and_then(|seed| seed.parse().ok());
+    let seed = seed.unwrap_or(20_070_115_u64);
+    println!("SEED={seed}");
+    let mut random = Random(seed);
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    let (mut asked, mut found) = (0, 0);
+    let mut check = |text: &str, random: &mut Random, samples: usize| {
+        editor.open(&path, text);
+        let mut at = boundaries(text);
+        while samples < at.len() {
+            at.swap_remove(random.below(at.len()));
+        }
+        for at in at {
+            let _told = Told { seed, text, at };
+            found += complete(&mut editor, &path, text, at);
+            asked += 1;
+        }
+    };
+    // Small texts at all positions.
+    for text in [
+        "",
+        "\n",
+        "\"",
+        "Gra",
+        "Graph(nodes: {\"a\": Subdivide(mesh: \"\n \"b\": Merge(meshes: [\"",
+        "Graph(nodes: {\"a\": ReadMesh(path: \"\r\n  }, outputs: { \"x.ply\": \"a\" })\r\n",
+        "Graph(nodes: {\"a\": ReadMesh(path: \"ball\r  \"b\": ReadMesh(path: \"l\")\r",
+        "Graph(params: {\"g\": Number(default: 1.0)}, nodes: {\"a\": Transform(scale: Expr(\"g *\n  g + \n\n g\"))})",
+        "Graph(params: {\"g\": Number(default: 1.0)}, nodes: {\"a\": Transform(scale: Expr(\"g * \n  \"b\": Merge()})",
+        "Graph(use: {\"N\": \"lib/\n\"}, nodes: {\"😀\": N(mesh: \"😀\nä\n\")})",
+        "Graph(nodes: {\"a\": N(mesh: r#\"a\nb\"#), \"c\": N(mesh: r#\"a\n \"d\": N(mesh: \"",
+        "Graph(nodes: { // \"a\n \"b\": /* \" \n */ Merge(meshes: [\n",
+        "Graph(params: {\n \"a\n\": Number(), \"b\n c\": Number(unit: \"\n) }, nodes: {\"s\": Transform(scale: Param(\"\n",
+        "Patch(of: \"face.ron\", nodes: { \"sm\n \"nose\": (lift: 2) }, params: {\"\n",
+        "Test(graph: \"face.ron\n, cases: { \"a\": (set: { \"\n",
+        "Sweep(graph: \"\n over: Values(\"\n",
+    ] {
+        assert!(text.len() <= SMALL);
+        check(text, &mut random, usize::MAX);
+    }
+    // One text in all its broken forms, with all ends of lines.
+    for ends in ["\n", "\r\n", "\r"] {
+        for text in broken(&TEXT.replace('\n', ends), &mut random, true) {
+            check(&text, &mut random, SAMPLES);
+        }
+    }
+    let mut graphs = Vec::new();
+    files(&std::fs::canonicalize(GRAPHS).unwrap(), &mut graphs);
+    for graph in graphs.iter().skip(random.below(9)).step_by(9) {
+        let text = std::fs::read_to_string(graph).unwrap();
+        for text in broken(&text, &mut random, false) {
+            check(&text, &mut random, SAMPLES);
+        }
+    }
+    assert!(asked > 2_000 && found > 5_000, "{found} completions at {asked} positions");
+}
+
+#[test]
+fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    // What a proposal of this name makes of a text, at the mark.
+    let mut check = |text: &str, label: &str, expected: &str| {
+        let at = text.find('|').unwrap();
+        let text = text.replacen('|', "", 1);
+        editor.open(&path, &text);
+        let (line, start) =
+            (text[..at].matches('\n').count(), text[..at].rfind('\n').map_or(0, |at| at + 1));
+        let position = json!({ "line": line, "character": at - start });
+        let asked = json!({ "textDocument": { "uri": uri(&path) }, "position": position });
+        let found = editor.ask("textDocument/completion", asked);
+        let item = found["items"].as_array().unwrap().iter().find(|item| item["label"] == label);
+        let item = item.unwrap_or_else(|| panic!("no `{label}` in {found}"));
+        assert_eq!(applied(&lines(&text), &item["textEdit"], line, (at - start) as u64), expected);
+    };
+    let head =
+        "Graph(params: { \"g\": Number(default: 1.0) }, nodes: { \"b\": ReadMesh(path: \"x\"),\n";
+    let rest = "\n \"t\": Subdivide(mesh: \"b\", levels: 1),\n}, outputs: { \"b.ply\": \"t\" })\n";
+    let mut check = |line: &str, label: &str, expected: &str| {
+        check(&format!("{head}{line}{rest}"), label, &format!("{head}{expected}{rest}"));
+    };
+    check("\"s\": Subdivide(mesh: \"|", "b", "\"s\": Subdivide(mesh: \"b");
+    check("\"s\": Subdivide(mesh: \"b|", "b", "\"s\": Subdivide(mesh: \"b");
+    check(
+        "\"s\": Subdivide(mesh: \"|, levels: 2),",
+        "b",
+        "\"s\": Subdivide(mesh: \"b, levels: 2),",
+    );
+    check("\"s\": Transform(scale: Expr(\"g * |", "g", "\"s\": Transform(scale: Expr(\"g * g");
+    check(
+        "\"s\": Transform(scale: Expr(\"|g * 2\")),",
+        "g",
+        "\"s\": Transform(scale: Expr(\"g * 2\")),",
+    );
+    check(
+        "\"s\": Transform(scale: Expr(\"2 *\n|\n + 3\")),",
+        "g",
+        "\"s\": Transform(scale: Expr(\"2 *\ng\n + 3\")),",
+    );
+    // The lines behind a string without an end are read as what they are.
+    check(
+        "\"s\": Subdivide(mesh: \"\n), \"u\": Subdivide(mesh: \"|\"),",
+        "b",
+        "\"s\": Subdivide(mesh: \"\n), \"u\": Subdivide(mesh: \"b\"),",
+    );
+}
+
+/// Fixes, names and the layout of texts that are not in order.
+#[test]
+fn other_edits_of_broken_texts_leave_their_lines_too() {
+    let place = Place::new(&[]);
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    let mut random = Random(20_070_115);
+    for ends in ["\n", "\r\n", "\r"] {
+        let whole = TEXT.replace('\n', ends);
+        for text in broken(&whole, &mut random, true) {
+            editor.open(&path, &text);
+            let lines = lines(&text);
+            let file = json!({ "uri": uri(&path) });
+            let last = lines.len() - 1;
+            let range = json!({ "start": { "line": 0, "character": 0 }, "end": { "line": last, "character": 0 } });
+            let asked = json!({ "textDocument": file, "range": range, "context": { "diagnostics": [], "only": ["quickfix"] } });
+            let found = editor.ask("textDocument/codeAction", asked);
+            for edit in found
+                .as_array()
+                .unwrap()
+                .iter()
+                .flat_map(|it| it["edit"]["changes"][uri(&path)].as_array().unwrap())
+            {
+                let [start, end] =
+                    ["start", "end"].map(|side| edit["range"][side]["line"].as_u64().unwrap());
+                assert_eq!(start, end, "a fix over several lines: {edit}\n{text}");
+                assert!(start as usize <= last);
+            }
+            for at in places_of(&text, &['a', 'g']).into_iter().step_by(5) {
+                let line = self::lines(&text[..at]).len() - 1;
+                let start = lines[..line].iter().map(|line| line.len()).sum::<usize>();
+                let units = text[start..at].encode_utf16().count() as u64;
+                let asked = json!({ "textDocument": file, "position": { "line": line, "character": units }, "newName": "another" });
+                let Ok(found) = editor.try_ask("textDocument/rename", asked) else { continue };
+                for edit in found["changes"][uri(&path)].as_array().unwrap() {
+                    let line = edit["range"]["start"]["line"].as_u64().unwrap() as usize;
+                    let from = edit["range"]["start"]["character"].as_u64().unwrap();
+                    drop(applied(&lines, edit, line, from));
+                }
+            }
+            // A new layout moves what is there, and leaves nothing out. What cannot be read has none.
+            let asked =
+                json!({ "textDocument": file, "options": { "tabSize": 4, "insertSpaces": true } });
+            let edits = editor.ask("textDocument/formatting", asked);
+            if ends == "\n" {
+                let is_kept = |c: &char| !c.is_whitespace() && *c != ',';
+                let kept = |text: &str| text.chars().filter(is_kept).collect::<String>();
+                assert_eq!(kept(&edited(&text, &edits)), kept(&text));
+            }
+        }
+    }
+}
