@@ -1,5 +1,5 @@
-//! Hands a batch over to a farm's engine: each task is one call of this program, `maquette batch SWEEP --task I`, so that there is one way to
-//! run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
+//! Hands a batch over to a farm's engine: each task is one call of this program, `maquette batch SWEEP --handover HASH --task I`, so that there
+//! is one way to run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
 
 use serde_json::json;
 
@@ -169,30 +169,32 @@ const HQ: &str = r#"#!/usr/bin/env python3
 """@TASKS@ tasks for HyperQueue: `python3 THIS [SERVER DIRECTORY]`, or `python3 THIS --here` without a server. It waits for them and makes the
 contact sheet, whatever came of them. The first task leaves in the cache what the others have in common."""
 import os
+import subprocess
 import sys
 
 from hyperqueue import Client, Job, LocalCluster
 
 COMMAND = @COMMAND@
+FOLDER = @FOLDER@
 
 
 def submitted(client, *calls):
-    """Runs the command with these words; all calls but the first wait for that one. Returns how many failed."""
-    job = Job(default_workdir=@FOLDER@, max_fails=None, name=@NAME@)
-    first = []
+    """Runs the command with each of these words. Returns how many failed."""
+    job = Job(default_workdir=FOLDER, max_fails=None, name=@NAME@)
     for words in calls:
-        task = job.program([*COMMAND, *words], deps=first, stdout=os.devnull, stderr=os.devnull)
-        first = first or [task]
+        job.program([*COMMAND, *words], stdout=os.devnull, stderr=os.devnull)
     job = client.submit(job)
     is_done = client.wait_for_jobs([job], raise_on_error=False)
     return 0 if is_done else len(client.get_failed_tasks(job))
 
 
 def run(client):
-    failed = submitted(client, ["--warm"], *(["--task", str(task)] for task in range(@TASKS@)))
-    failed_sheet = submitted(client, ["--report"])
+    # Without the first call none of the others can run: the tasks are not those that were handed over.
+    failed = @TASKS@ if submitted(client, ["--warm"]) else submitted(client, *(["--task", str(task)] for task in range(@TASKS@)))
+    # It runs here, so that what it reports is seen.
+    is_complete = subprocess.run([*COMMAND, "--report"], cwd=FOLDER).returncode == 0
     print(f"{@TASKS@ - failed} done, {failed} failed")
-    return 1 if failed or failed_sheet else 0
+    return 0 if is_complete and not failed else 1
 
 
 if sys.argv[1:] == ["--here"]:

@@ -53,13 +53,17 @@ pub(super) struct Batch {
     /// Run these tasks alone, counted from 0, and make no contact sheet: as a farm does.
     #[arg(long, value_name = "I|FIRST-LAST", value_parser = range, conflicts_with_all = ["dry_run", "report", "emit"])]
     task: Option<(usize, usize)>,
+    /// Run only if the tasks are still those that were handed over under this hash, as `--emit` writes it into each job.
+    #[arg(long, value_name = "HASH", value_parser = hash, conflicts_with_all = ["dry_run", "emit"])]
+    handover: Option<String>,
     /// Run the first task, so that the others find in the cache what they share, and end well whatever comes of it.
     #[arg(long, conflicts_with_all = ["task", "dry_run", "report", "emit"])]
     warm: bool,
     /// Run nothing: make the contact sheet of the records that are there.
     #[arg(long, conflicts_with_all = ["dry_run", "emit"])]
     report: bool,
-    /// Print what hands the tasks to this engine.
+    /// Print what hands the tasks to this engine, and write their list into OUT/tasks/@handovers. Its jobs run only while the tasks are those of
+    /// the list.
     #[arg(long, value_name = "ENGINE", conflicts_with = "dry_run")]
     emit: Option<Engine>,
     /// How many threads to use; 0 is all.
@@ -90,6 +94,15 @@ fn range(text: &str) -> Result<(usize, usize), String> {
         .ok_or_else(|| "write I or FIRST-LAST, counted from 0".into())
 }
 
+fn hash(text: &str) -> Result<String, String> {
+    // It becomes the name of a file.
+    let is_hash = text.len() == batch::DIGITS
+        && text.bytes().all(|c| c.is_ascii_hexdigit() && !c.is_ascii_uppercase());
+    is_hash
+        .then(|| text.to_owned())
+        .ok_or_else(|| format!("use the {} digits that `--emit` wrote", batch::DIGITS))
+}
+
 impl Batch {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let start = Instant::now();
@@ -109,9 +122,6 @@ impl Batch {
         if !self.json {
             report(&problems);
         }
-        if let Some(engine) = self.emit {
-            return self.emit(engine, &sweep);
-        }
         let default = default_folder(&path, options.draft);
         let out = self.out.as_deref().unwrap_or(&default);
         let tasks = Tasks {
@@ -122,6 +132,17 @@ impl Batch {
             signs: self.provenance.signs(),
             retries: self.retry,
         };
+        if let Some(engine) = self.emit {
+            return self.emit(engine, &tasks);
+        }
+        // The page is made of a changed list, too, and its changes are reported then.
+        let handover = self.handover.as_deref().map_or(Ok(()), |hash| tasks.check_handover(hash));
+        if self.report {
+            return self.write_sheet(&tasks, handover);
+        }
+        if let Err(why) = handover {
+            return Exit::Usage(why);
+        }
         let all = 0..sweep.tasks.len();
         let wanted = match self.task {
             _ if self.warm => vec![0],
@@ -136,9 +157,6 @@ impl Batch {
         };
         if self.dry_run {
             return self.forecast(&tasks, catalog);
-        }
-        if self.report {
-            return self.write_sheet(&tasks);
         }
         self.work(&tasks, &wanted, &problems, catalog, start)
     }
@@ -166,13 +184,18 @@ impl Batch {
         Ok((beside, batch::text_of(&self.file, self.scans.as_deref(), &self.values)?))
     }
 
-    fn emit(&self, engine: Engine, sweep: &Sweep) -> Exit {
+    fn emit(&self, engine: Engine, tasks: &Tasks<'_>) -> Exit {
         let folder = match std::env::current_dir() {
             Ok(folder) => folder.display().to_string(),
             Err(error) => return Exit::Usage(format!("there is no current folder: {error}")),
         };
+        let hash = match tasks.hand_over() {
+            Ok(hash) => hash,
+            Err(why) => return Exit::Usage(why),
+        };
+        let sweep = tasks.sweep;
         let name = sweep.source.name.file_stem().unwrap_or_default().to_string_lossy();
-        let words = self.words();
+        let words = [self.words(), vec!["--handover".into(), hash]].concat();
         let handover =
             Handover { name: &name, words: &words, tasks: sweep.tasks.len(), folder: &folder };
         print_document(&handover.to(engine));
@@ -262,15 +285,24 @@ impl Batch {
         Exit::Done
     }
 
-    fn write_sheet(&self, tasks: &Tasks<'_>) -> Exit {
-        match tasks.write_sheet() {
-            Ok(path) => {
-                if !self.json && !self.events {
-                    print(&format!("{}\n", path.display()));
-                }
-                Exit::Done
+    /// Writes the page, and fails if it is not of all tasks that a farm should have run.
+    fn write_sheet(&self, tasks: &Tasks<'_>, handover: Result<(), String>) -> Exit {
+        let path = match tasks.write_sheet() {
+            Ok(path) => path,
+            Err(why) => return Exit::Usage(why),
+        };
+        if !self.json && !self.events {
+            print(&format!("{}\n", path.display()));
+        }
+        let missing = tasks.never_handed_over();
+        let missing = (!missing.is_empty())
+            .then(|| batch::never_handed_over_in_words(&missing, tasks.sweep.tasks.len()));
+        match handover.err().or(missing) {
+            Some(why) => {
+                eprint(&format!("error: {why}\n"));
+                Exit::Failed
             }
-            Err(why) => Exit::Usage(why),
+            None => Exit::Done,
         }
     }
 

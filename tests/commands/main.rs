@@ -8,6 +8,7 @@ mod canvas;
 mod command_line;
 mod doctor;
 mod faults;
+mod handover;
 mod hands;
 mod language;
 mod lsp;

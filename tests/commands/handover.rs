@@ -1,0 +1,349 @@
+//! Batches on farms: each test is named after a statement that jobs, which were handed over, must keep. Engines are stood in for by a few lines
+//! that run what is handed to them; `tests/farm/run` asks real ones.
+#![cfg(unix)]
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value as Json;
+
+use crate::project::Project;
+
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    params: { "up": Number(default: 1.0, doc: "How far it is moved.") },
+    nodes: {
+        "scan": ReadMesh(path: "ball.obj"),
+        "moved": Transform(mesh: "scan", translate: (0, Param("up"), 0)),
+    },
+    outputs: { "a.ply": "moved" },
+)
+"#;
+
+const SWEEP: &str = r#"Sweep(
+    graph: "doll.ron",
+    over: Files("scans/*.obj", set: "scan.path", name: "scan"),
+    set: { "up": 2.0 },
+    out: "{scan}",
+)
+"#;
+
+const BALL: &str = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+
+/// Three scans, one with a name that a shell would take apart.
+fn scanned() -> Project {
+    let project = Project::new(GRAPH);
+    fs::create_dir(project.folder().join("scans")).unwrap();
+    for name in ["maquette.toml", "ball.obj"] {
+        write(&project, name, if name == "ball.obj" { BALL } else { "" });
+    }
+    write(&project, "s.sweep.ron", SWEEP);
+    ["b", "c it's $HOME; {{d}}", "e"].iter().for_each(|name| scan(&project, name));
+    project
+}
+
+fn scan(project: &Project, name: &str) {
+    write(project, &format!("scans/{name}.obj"), BALL);
+}
+
+fn write(project: &Project, name: &str, text: &str) {
+    fs::write(project.folder().join(name), text).unwrap();
+}
+
+/// What hands the batch to an engine.
+fn emitted(project: &Project, engine: &str) -> String {
+    let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine]);
+    assert!(output.status.success(), "{}", err(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(!text.contains("HOME"), "a scan's name is in the job: {text}");
+    text
+}
+
+fn err(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs a program where the project is, with its cache.
+fn run(project: &Project, program: &str, words: &[&str]) -> Output {
+    let own = project.command(&[]);
+    let set = own.get_envs().filter_map(|(name, value)| Some((name, value?)));
+    Command::new(program).args(words).current_dir(project.folder()).envs(set).output().unwrap()
+}
+
+fn shell(project: &Project, command: &str) -> Output {
+    run(project, "bash", &["-c", command])
+}
+
+/// The tasks that were run.
+fn records(project: &Project) -> BTreeSet<String> {
+    let files = fs::read_dir(project.folder().join("out/s.sweep/tasks")).unwrap();
+    let names = files.map(|file| file.unwrap().file_name().to_string_lossy().into_owned());
+    names.filter_map(|name| Some(name.strip_suffix(".json")?.to_owned())).collect()
+}
+
+/// The commands of a template of Open Job Description: of the first step, of each task, of the last step.
+fn commands_of_openjd(project: &Project, job: &str) -> [Vec<Vec<String>>; 3] {
+    let job: Json = serde_json::from_str(job).unwrap();
+    let folder = project.folder().display().to_string();
+    let steps = job["steps"].as_array().unwrap();
+    let command = |step: &Json, task: usize| {
+        let run = &step["script"]["actions"]["onRun"];
+        let args = run["args"].as_array().unwrap().iter().map(|word| {
+            let word = word.as_str().unwrap().replace("{{Param.Project}}", &folder);
+            word.replace("{{Task.Param.Task}}", &task.to_string())
+        });
+        [run["command"].as_str().unwrap().to_owned()].into_iter().chain(args).collect::<Vec<_>>()
+    };
+    let range = &steps[1]["parameterSpace"]["taskParameterDefinitions"][0]["range"];
+    let (_, last) = range.as_str().unwrap().split_once('-').unwrap();
+    let tasks = 0..=last.parse::<usize>().unwrap();
+    [
+        vec![command(&steps[0], 0)],
+        tasks.map(|task| command(&steps[1], task)).collect(),
+        vec![command(&steps[2], 0)],
+    ]
+}
+
+/// The same of a script for Slurm, whose `sbatch` keeps what it is given.
+fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
+    write(project, "submit.sh", script);
+    fs::create_dir_all(project.folder().join("slurm")).unwrap();
+    let sbatch = "#!/usr/bin/env bash\nid=$(ls slurm | grep -c job)\ncat > slurm/job$id\necho \"$@\" > slurm/words$id\necho $id\n";
+    write(project, "slurm/sbatch", sbatch);
+    let submitted = shell(project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh");
+    assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", err(&submitted));
+    let read = |name: &str| fs::read_to_string(project.folder().join("slurm").join(name)).unwrap();
+    let jobs = [0, 1, 2].map(|id| {
+        assert!(!read(&format!("job{id}")).contains("HOME"));
+        let words = read(&format!("words{id}"));
+        let (_, array) = words.split_once("--array=").unwrap();
+        let array = array.split_whitespace().next().unwrap();
+        let last = array.rsplit('-').next().unwrap().parse::<usize>().unwrap();
+        let element = |element| format!("SLURM_ARRAY_TASK_ID={element} bash slurm/job{id}");
+        (0..=last).map(|task| ["bash", "-c", &element(task)].map(str::to_owned).to_vec()).collect()
+    });
+    jobs
+}
+
+fn succeeds(project: &Project, commands: &[Vec<String>]) {
+    for command in commands {
+        let words = Vec::from_iter(command[1..].iter().map(String::as_str));
+        let output = run(project, &command[0], &words);
+        assert!(output.status.success(), "{command:?}: {}", err(&output));
+    }
+}
+
+/// Runs commands, each of which must say that a scan was added.
+fn refuse(project: &Project, commands: &[Vec<String>]) {
+    for command in commands {
+        let words = Vec::from_iter(command[1..].iter().map(String::as_str));
+        let output = run(project, &command[0], &words);
+        assert!(!output.status.success(), "{command:?}");
+        let told = err(&output);
+        assert!(told.contains("1 added (`a`)") && told.contains("hand them over again"), "{told}");
+    }
+}
+
+#[test]
+fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_task() {
+    for engine in ["lines", "openjd", "slurm"] {
+        let project = scanned();
+        let commands = |project: &Project| {
+            let job = emitted(project, engine);
+            match engine {
+                "lines" => {
+                    let lines =
+                        job.lines().map(|line| ["bash", "-c", line].map(str::to_owned).to_vec());
+                    [Vec::new(), lines.collect(), Vec::new()]
+                }
+                "openjd" => commands_of_openjd(project, &job),
+                _ => commands_of_slurm(project, &job),
+            }
+        };
+        let [warm, tasks, sheet] = commands(&project);
+        assert_eq!(tasks.len(), 3, "{engine}");
+        succeeds(&project, &warm);
+        succeeds(&project, &tasks[..1]);
+        let before = records(&project);
+        assert_eq!(before, BTreeSet::from(["b".to_owned()]), "{engine}");
+        scan(&project, "a");
+        refuse(&project, &tasks);
+        refuse(&project, &warm);
+        refuse(&project, &sheet);
+        assert_eq!(records(&project), before, "{engine}: what was refused is no result");
+        // Who asks by hand is told, too.
+        let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
+        assert_eq!(report.status.code(), Some(1));
+        assert!(err(&report).contains("1 of 4 tasks never handed over: `a`"), "{}", err(&report));
+        // Handed over again, all is run.
+        if engine == "slurm" {
+            fs::remove_dir_all(project.folder().join("slurm")).unwrap();
+        }
+        let [warm, tasks, sheet] = commands(&project);
+        assert_eq!(tasks.len(), 4, "{engine}");
+        [warm, tasks, sheet].iter().for_each(|commands| succeeds(&project, commands));
+        assert_eq!(records(&project).len(), 4, "{engine}");
+        let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
+        assert_eq!((report.status.code(), err(&report)), (Some(0), String::new()), "{engine}");
+    }
+}
+
+/// HyperQueue in a few lines: it runs what is submitted at once, and lets a scan arrive behind the first task.
+const HYPERQUEUE: &str = r#"
+import os, shutil, subprocess
+
+class Job:
+    def __init__(self, **_):
+        self.calls, self.failed = [], {}
+    def program(self, words, **_):
+        assert "HOME" not in " ".join(words), words
+        self.calls.append(words)
+
+class Client:
+    def __init__(self, *_):
+        pass
+    def submit(self, job):
+        for number, words in enumerate(job.calls):
+            if subprocess.run(words).returncode:
+                job.failed[number] = words
+            if "--task" in words and os.environ.get("ARRIVES"):
+                shutil.copy("ball.obj", "scans/a.obj")
+        return job
+    def wait_for_jobs(self, jobs, **_):
+        return not any(job.failed for job in jobs)
+    def get_failed_tasks(self, job):
+        return job.failed
+
+LocalCluster = None
+"#;
+
+#[test]
+fn hyperqueue_tells_of_a_scan_that_arrives() {
+    if let Err(why) = Command::new("python3").arg("--version").output() {
+        return println!("skipped: there is no python3 here ({why})");
+    }
+    let project = scanned();
+    write(&project, "hyperqueue.py", HYPERQUEUE);
+    write(&project, "job.py", &emitted(&project, "hq"));
+    let output = shell(&project, "ARRIVES=1 python3 job.py server");
+    assert_eq!(output.status.code(), Some(1), "{}", err(&output));
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.ends_with("1 done, 2 failed\n"), "{told}");
+    assert!(err(&output).contains("1 added (`a`)"), "{}", err(&output));
+    assert_eq!(records(&project), BTreeSet::from(["b".to_owned()]));
+    // The old job runs nothing at all now, and the new one everything.
+    let output = shell(&project, "python3 job.py server");
+    assert!(String::from_utf8_lossy(&output.stdout).ends_with("0 done, 3 failed\n"));
+    write(&project, "job.py", &emitted(&project, "hq"));
+    let output = shell(&project, "python3 job.py server");
+    assert_eq!(output.status.code(), Some(0), "{}", err(&output));
+    assert_eq!(records(&project).len(), 4);
+}
+
+/// What a job says, which must fail and leave nothing behind.
+fn refused(project: &Project, job: &str) -> String {
+    let output = shell(project, job);
+    assert_eq!(output.status.code(), Some(2), "{}", err(&output));
+    let tasks = project.folder().join("out/s.sweep/tasks");
+    assert!(records(project).is_empty() && !tasks.join("b.jpg").exists());
+    err(&output)
+}
+
+#[test]
+fn a_job_says_what_has_changed_since_it_was_handed_over() {
+    let check = |change: &dyn Fn(&Project, &Path), told: &str| {
+        let project = scanned();
+        let jobs = emitted(&project, "lines");
+        change(&project, &project.folder().join("scans"));
+        for job in jobs.lines() {
+            let found = refused(&project, job);
+            assert!(found.contains(told), "`{told}` in {found}");
+        }
+    };
+    let sweep = |from: &'static str, to: &'static str| {
+        move |project: &Project, _: &Path| write(project, "s.sweep.ron", &SWEEP.replace(from, to))
+    };
+    check(&|_, scans| fs::remove_file(scans.join("b.obj")).unwrap(), "1 removed (`b`)");
+    check(
+        &|_, scans| fs::rename(scans.join("b.obj"), scans.join("f.obj")).unwrap(),
+        "1 added (`f`), 1 removed (`b`)",
+    );
+    check(&sweep("{scan}", "of-{scan}"), "3 renamed (`b` is `of-b`");
+    check(&sweep("2.0", "3.0"), "3 changed (`b`: up was 2.0, is 3.0");
+    check(&sweep("    set: { \"up\": 2.0 },\n", ""), "`b`: up was 2.0, is not set");
+    check(
+        &|project, _| {
+            write(project, "other.ron", GRAPH);
+            write(project, "s.sweep.ron", &SWEEP.replace("doll.ron", "other.ron"));
+        },
+        "the graph is `other.ron` in place of `doll.ron`",
+    );
+}
+
+#[test]
+fn what_changes_no_task_stops_no_job() {
+    let project = scanned();
+    let jobs = emitted(&project, "lines");
+    // How the sweep is written, the page's pictures, and a list that somebody took away.
+    write(
+        &project,
+        "s.sweep.ron",
+        &format!("// A note.\n{}", SWEEP.replace("out:", "picture: (size: (64, 48)),\n out:")),
+    );
+    fs::remove_dir_all(project.folder().join("out")).unwrap();
+    for job in jobs.lines() {
+        let output = shell(&project, job);
+        assert!(output.status.success(), "{}", err(&output));
+    }
+    assert_eq!(records(&project).len(), 3);
+}
+
+#[test]
+fn a_list_that_is_missing_or_damaged_is_told_if_it_is_needed() {
+    let project = scanned();
+    let jobs = emitted(&project, "lines");
+    let folder = project.folder().join("out/s.sweep/tasks/@handovers");
+    let list = fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
+    let text = fs::read_to_string(&list).unwrap();
+    scan(&project, "a");
+    for damaged in [text.replace("2.0", "2.5"), text[..text.len() / 2].to_owned()] {
+        fs::write(&list, damaged).unwrap();
+        let told = refused(&project, jobs.lines().next().unwrap());
+        assert!(
+            told.contains("is missing or damaged") && told.contains("hand them over again"),
+            "{told}"
+        );
+    }
+    fs::remove_dir_all(&folder).unwrap();
+    assert!(refused(&project, jobs.lines().next().unwrap()).contains("is missing or damaged"));
+    for hash in ["", "../../../etc/passwd", "0123456789ABCDEF", "0123456789abcde"] {
+        let output = project.maquette(&["batch", "s.sweep.ron", "--handover", hash, "--task", "0"]);
+        assert_eq!(output.status.code(), Some(2), "{hash}");
+    }
+}
+
+#[test]
+fn jobs_that_name_no_list_run_as_before() {
+    let project = scanned();
+    let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0-1"]);
+    assert!(output.status.success(), "{}", err(&output));
+    scan(&project, "a");
+    let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0"]);
+    assert!(output.status.success(), "{}", err(&output));
+    assert!(records(&project).contains("a"));
+    let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
+    assert_eq!((report.status.code(), err(&report)), (Some(0), String::new()));
+}
+
+#[test]
+fn what_was_run_here_need_not_be_handed_over() {
+    let project = scanned();
+    emitted(&project, "lines");
+    scan(&project, "a");
+    let output = project.maquette(&["batch", "s.sweep.ron"]);
+    assert!(output.status.success(), "{}", err(&output));
+    let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
+    assert_eq!((report.status.code(), err(&report)), (Some(0), String::new()));
+}
