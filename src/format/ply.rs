@@ -151,7 +151,7 @@ pub enum PlyError {
 /// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
 /// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
 /// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. What a file of [`encode`] says of its properties in comments is
-/// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` of faces become the pairs `uv` per corner if all
+/// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` or `corner_uv` of faces become the pairs `uv` per corner if all
 /// faces have them, and their other properties become attributes of faces as those of vertices do. Elements other than `vertex` and `face` are passed over.
 ///
 /// # Errors

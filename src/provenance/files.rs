@@ -1,5 +1,7 @@
 //! Provenance in the bytes of files, each in its own format: put in behind the writers, so that no writer need know of it.
 
+use std::borrow::Cow;
+
 use serde_json::{Value as Json, json};
 
 use super::Signature;
@@ -27,7 +29,7 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
         "glb" => glb(bytes, words),
         "png" => png(bytes, words),
         "json" => json_text(bytes, words),
-        "ply" => line_behind(bytes, b"ply\n", &comment_of_ply(words)),
+        "ply" => ply(bytes, words),
         "pcd" => line_behind(bytes, b"# .PCD", &format!("# {KEY} {words}\n")),
         "step" => {
             line_behind(bytes, b"ISO-10303-21;\nHEADER;\n", &format!("/* {KEY} {words} */\n"))
@@ -47,9 +49,35 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
     }
 }
 
-/// The second line of a PLY file that tells these words.
+/// The comments of a PLY file that hold these words. Their place is behind the `format` line: Open3D, assimp and CloudCompare refuse a
+/// file with a comment before it.
 pub(crate) fn comment_of_ply(words: &str) -> String {
-    padded(format!("comment {KEY} {words}")) + "\n"
+    let mut lines = Vec::new();
+    let mut rest = words;
+    while !rest.is_empty() {
+        let (line, behind) = rest.split_at(end_of_line(rest));
+        lines.push(format!("{COMMENT}{line}"));
+        rest = behind;
+    }
+    padded(lines.join("\n")) + "\n"
+}
+
+/// Begins each line of `comment_of_ply`.
+const COMMENT: &str = "comment maquette ";
+
+/// The length of one line of `comment_of_ply` without its newline, in bytes. rply, the reader of Open3D and CloudCompare, refuses lines
+/// of more than 1024.
+const MAX_COMMENT: usize = 255;
+
+/// The number of bytes of the ASCII text that go into the next line. A line neither begins nor ends with a blank, which other programs
+/// may drop.
+fn end_of_line(text: &str) -> usize {
+    let most = MAX_COMMENT - COMMENT.len();
+    if text.len() <= most {
+        return text.len();
+    }
+    let is_blank = |at: usize| text.as_bytes()[at] == b' ';
+    (1..=most).rev().find(|&end| !is_blank(end - 1) && !is_blank(end)).unwrap_or(most)
 }
 
 /// The first line of an OBJ or MTL file that tells these words.
@@ -106,11 +134,16 @@ pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
             let header = str::from_utf8(bytes.get(..80)?).ok()?;
             Some(Found::Hash(header.strip_prefix(STL)?.trim().to_owned()))
         }
-        "ply" | "pcd" | "step" | "obj" | "mtl" => {
-            // Headers are short, and behind them there may be no text.
-            let head = String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)]);
-            let marks =
-                [format!("comment {KEY} {{"), format!("# {KEY} {{"), format!("/* {KEY} {{")];
+        "ply" => {
+            let head = head(bytes);
+            let lines = head.lines().map(|line| line.strip_prefix(COMMENT));
+            let lines = lines.skip_while(|text| !text.is_some_and(|text| text.starts_with('{')));
+            let text: String = lines.map_while(|text| text).collect();
+            (!text.is_empty()).then(|| Found::Words(text.trim_end().to_owned()))
+        }
+        "pcd" | "step" | "obj" | "mtl" => {
+            let head = head(bytes);
+            let marks = [format!("# {KEY} {{"), format!("/* {KEY} {{")];
             let line = head.lines().find_map(|line| {
                 let mark = marks.iter().find(|mark| line.starts_with(&mark[..]))?;
                 Some(line[mark.len() - 1..].trim_end_matches(" */").to_owned())
@@ -119,6 +152,11 @@ pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
         }
         _ => None,
     }
+}
+
+/// The first 64 KiB as text: headers are short, and behind them there may be anything.
+fn head(bytes: &[u8]) -> Cow<'_, str> {
+    String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)])
 }
 
 /// Where something is put, how many bytes there it replaces, and what it is.
@@ -134,6 +172,23 @@ fn line_behind(bytes: &[u8], start: &[u8], line: &str) -> Option<Splice> {
         false => bytes.iter().position(|byte| *byte == b'\n')? + 1,
     };
     Some((at, 0, line.as_bytes().to_vec()))
+}
+
+fn ply(bytes: &[u8], words: &str) -> Option<Splice> {
+    if !bytes.starts_with(b"ply\n") {
+        return None;
+    }
+    let mut end = 0;
+    for line in bytes.split_inclusive(|&byte| byte == b'\n') {
+        end += line.len();
+        if line.starts_with(b"format ") {
+            return Some((end, 0, comment_of_ply(words).into_bytes()));
+        }
+        if line == b"end_header\n" {
+            return None;
+        }
+    }
+    None
 }
 
 fn glb_document(bytes: &[u8]) -> Option<Json> {
@@ -287,7 +342,7 @@ mod tests {
 
     #[test]
     fn each_format_tells_in_its_own_way() {
-        check("ply", b"ply\nformat ascii 1.0\nend_header\n", "ply\ncomment maquette {");
+        check("ply", b"ply\nformat ascii 1.0\nend_header\n", "1.0\ncomment maquette {");
         check("pcd", b"# .PCD v0.7\nVERSION 0.7\n", "# .PCD v0.7\n# maquette {");
         check("obj", b"v 0 0 0\n", "# maquette {");
         check("step", b"ISO-10303-21;\nHEADER;\nENDSEC;\n", "HEADER;\n/* maquette {");
@@ -305,6 +360,28 @@ mod tests {
         let archive = [&b"PK\x05\x06"[..], &[0; 18]].concat();
         check("3mf", &archive, "Metadata/maquette.json{");
         assert_eq!(checksum(b"IEND"), 0xae42_6082);
+    }
+
+    #[test]
+    fn a_ply_file_holds_long_words_in_short_lines_behind_its_format() {
+        let words =
+            format!(r#"{{"maquette":"0.1.0","graph":"{}"}}"#, "a { long  name ".repeat(100));
+        let mut bytes = b"ply\ncomment other\nformat ascii 1.0\nend_header\n".to_vec();
+        sign("ply", &mut bytes, &Signature { words: words.clone(), hash: String::new() });
+        let text = str::from_utf8(&bytes).unwrap();
+        assert!(text.starts_with("ply\ncomment other\nformat ascii 1.0\ncomment maquette {"));
+        assert!(text.lines().all(|line| line.len() <= MAX_COMMENT), "{text}");
+        // As programs may give it back that drop blanks at the end.
+        let trimmed: String = text.lines().map(|line| format!("{}\r\n", line.trim_end())).collect();
+        for text in [text, &trimmed] {
+            assert_eq!(find("ply", text.as_bytes()), Some(Found::Words(words.clone())));
+        }
+    }
+
+    #[test]
+    fn words_before_the_format_of_older_ply_files_are_found() {
+        let file = format!("ply\ncomment maquette {WORDS}   \nformat ascii 1.0\nend_header\n");
+        assert_eq!(find("ply", file.as_bytes()), Some(Found::Words(WORDS.into())));
     }
 
     #[test]

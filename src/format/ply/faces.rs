@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::body::{Body, Rows};
-use super::header::{Element, Property, Scalar};
+use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::{Column, PlyError, Table};
 use crate::format::corners::FaceList;
 use crate::value::Faces;
@@ -38,7 +38,7 @@ impl FaceTable {
                     (Some(length), "vertex_indices" | "vertex_index") => {
                         read_corners(body, *length, *scalar, &mut corners)?;
                     }
-                    (Some(length), "texcoord") => {
+                    (Some(length), TEXCOORD | CORNER_UV) => {
                         for _ in 0..body.length(*length)? {
                             uv.push(body.number(*scalar)?);
                         }

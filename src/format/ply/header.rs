@@ -3,6 +3,12 @@
 use super::PlyError;
 use crate::format::{excerpt, parse, words};
 
+/// The usual name for the texture coordinates of a face's corners.
+pub(super) const TEXCOORD: &str = "texcoord";
+
+/// Our name for them where faces are not triangles: MeshLab refuses such a file if they have the usual name.
+pub(super) const CORNER_UV: &str = "corner_uv";
+
 /// How one number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {

@@ -6,7 +6,7 @@ use blake3::Hasher;
 use bytemuck::NoUninit;
 use nalgebra::Point3;
 
-use super::header::Kind;
+use super::header::{CORNER_UV, Kind, TEXCOORD};
 use crate::error::Error;
 use crate::format::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::format::upright::{upright_points, upright_sign};
@@ -36,7 +36,12 @@ impl FileFormat for MeshPly {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().collect()
+        let is_known_here_alone = corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3);
+        let unread = is_known_here_alone.then(|| {
+            "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
+             where MeshLab refuses them; write GLB or OBJ"
+        });
+        coarse_mesh(mesh).into_iter().chain(unread.map(str::to_owned)).collect()
     }
 }
 
@@ -161,7 +166,7 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
     Ok(content(mesh, "", 1.0)?.into_bytes())
 }
 
-/// The same in pieces, with lines behind the first one, y and z of all vectors with this sign.
+/// Makes the file of `encode` in pieces. `lines` follow the `format` line; y and z of all vectors are multiplied by `sign`.
 fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, TooFar> {
     check_mesh(mesh)?;
     let vertex = mesh.vertex();
@@ -197,15 +202,14 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
             parts.push(TableColumn::attribute(name, attribute, "", sign));
         }
     }
-    let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
-    let faces = FaceRows::new(mesh, corner_uv, sign);
+    let faces = FaceRows::new(mesh, corner_uv(mesh), sign);
 
     let comments = parts.iter().chain(&faces.parts.0).map(|part| &*part.comment);
     let comments = String::from_iter(comments);
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
     let header = format!(
-        "ply\n{lines}format binary_little_endian 1.0\n{comments}element vertex {n_vertices}\n{properties}\
+        "ply\nformat binary_little_endian 1.0\n{lines}{comments}element vertex {n_vertices}\n{properties}\
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
@@ -213,6 +217,11 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
     let vertices = Table::new(n_vertices, parts.size(), parts);
     let tables = vec![Table::of_bytes(header.into_bytes()), vertices, faces.into_table()];
     Ok(in_pieces(tables).keeping((normals, seen)))
+}
+
+/// The texture coordinates of corners, which are written if vertices have none.
+fn corner_uv(mesh: &Mesh) -> Option<&Column<[f64; 2]>> {
+    mesh.corner().pairs("uv").filter(|_| mesh.vertex().pairs("uv").is_none())
 }
 
 /// Columns side by side.
@@ -276,7 +285,8 @@ impl<'a> FaceRows<'a> {
         let length = if self.long { "uint" } else { "uchar" };
         let mut text = format!("property list {length} uint vertex_indices\n");
         if self.uv.is_some() {
-            text += &format!("property list {length} float texcoord\n");
+            let name = if self.faces.sides() == Some(3) { TEXCOORD } else { CORNER_UV };
+            text += &format!("property list {length} float {name}\n");
         }
         self.parts.0.iter().for_each(|part| text += &part.properties);
         text
@@ -421,6 +431,21 @@ mod tests {
         let again = read(&encode(&mesh).unwrap()).unwrap();
         assert_eq!(again.corner(), mesh.corner());
         assert_eq!(again.faces(), mesh.faces());
+        assert!(MeshPly::doubts(&mesh)[0].contains("GLB or OBJ"));
+    }
+
+    #[test]
+    fn texture_coordinates_of_corners_have_the_usual_name_on_triangles_alone() {
+        let triangles = Faces::triangles(vec![[0, 1, 2], [1, 4, 2]]);
+        let triangles = Mesh::new(mesh().positions().clone(), triangles).unwrap();
+        let triangles = triangles.with_corner("uv", Attribute::Pair(pairs(6).into())).unwrap();
+        let others = mesh().with_corner("uv", Attribute::Pair(pairs(7).into())).unwrap();
+        for (mesh, name) in [(triangles, " texcoord\n"), (others, " corner_uv\n")] {
+            let file = encode(&mesh).unwrap();
+            assert!(String::from_utf8_lossy(&file).contains(name), "{name}");
+            assert_eq!(read(&file).unwrap().corner(), mesh.corner());
+            assert_eq!(MeshPly::doubts(&mesh).is_empty(), name.contains("texcoord"));
+        }
     }
 
     #[test]
