@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Value as Json, json};
 use tungstenite::{Message, WebSocket};
 
+use crate::socket::Socket;
+
 /// Longer than anything takes on a busy machine; only a failing test waits that long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -29,7 +31,7 @@ pub(crate) struct Tab(String);
 /// A browser, which has one tab at first. It is killed at the end.
 pub(crate) struct Browser {
     process: Child,
-    socket: WebSocket<TcpStream>,
+    socket: WebSocket<Socket>,
     session: String,
     last: u64,
     /// What pages have written to the console as errors.
@@ -71,7 +73,7 @@ impl Browser {
         let host = address.strip_prefix("ws://").unwrap().split('/').next().unwrap();
         let stream = TcpStream::connect(host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        let (socket, _) = tungstenite::client(&address, stream).unwrap();
+        let (socket, _) = tungstenite::client(&address, Socket(stream)).unwrap();
         let (session, complaints) = (String::new(), Vec::new());
         let mut browser = Self { process, socket, session, last: 0, complaints, _profile: profile };
         browser.add_tab();

@@ -34,3 +34,4 @@ mod browser;
 mod editors;
 mod project;
 mod seen;
+mod socket;

@@ -18,6 +18,7 @@ use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
 use crate::project::{Project, Watch};
+use crate::socket::Socket;
 
 mod drag;
 pub(crate) mod link;
@@ -90,7 +91,7 @@ impl Served {
         set("Sec-WebSocket-Protocol", &format!("maquette, {token}"));
         let stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        match tungstenite::client(request, stream) {
+        match tungstenite::client(request, Socket(stream)) {
             Ok((socket, answer)) => {
                 assert_eq!(answer.headers()["sec-websocket-protocol"], "maquette");
                 Ok(Page(socket))
@@ -103,7 +104,7 @@ impl Served {
     }
 }
 
-struct Page(WebSocket<TcpStream>);
+struct Page(WebSocket<Socket>);
 
 impl Page {
     fn next(&mut self) -> Json {

@@ -59,7 +59,7 @@ fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
     let (project, mut served, mut page, first) = looking_at("model", "mesh");
     // The hand goes on until it has seen something on its way, though each value takes longer than the next one needs to come.
     let (mut growth, mut seen) = (12.0, Vec::new());
-    page.0.get_mut().set_read_timeout(Some(Duration::from_millis(10))).unwrap();
+    page.0.get_mut().0.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
     while seen.len() < 3 {
         growth = if growth < 39.0 { growth + 0.1 } else { 12.0 };
         page.drag("growth", growth);
@@ -73,7 +73,7 @@ fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
             Err(other) => panic!("{other}"),
         }
     }
-    page.0.get_mut().set_read_timeout(Some(PATIENCE)).unwrap();
+    page.0.get_mut().0.set_read_timeout(Some(PATIENCE)).unwrap();
     assert!(seen.iter().all(|value| value["live"] == true), "{seen:?}");
     page.drag("growth", 20.5);
     let last = project.hash("model.mesh", &["growth=20.5"]);
