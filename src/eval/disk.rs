@@ -17,6 +17,7 @@
 //! Entries and columns, which are named by what they are made of, may be shared with other machines: see [`remote`].
 
 use std::collections::HashMap;
+use std::fmt;
 use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -240,7 +241,7 @@ impl Store {
         let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(make));
         match made {
             // A folder that may only be read still answers.
-            Err(error) if store.home.is_dir() => drop(store.trouble.set(error.to_string())),
+            Err(error) if store.home.is_dir() => store.stop(error),
             other => other?,
         }
         Ok(store)
@@ -292,6 +293,11 @@ impl Store {
         let _ = remove(path);
     }
 
+    /// Writes nothing any more, for this reason.
+    fn stop(&self, reason: impl fmt::Display) {
+        let _ = self.trouble.set(reason.to_string());
+    }
+
     /// Writes a file, which appears whole or not at all.
     fn write(&self, path: &Path, parts: &[&[u8]]) {
         if self.trouble.get().is_some() {
@@ -302,7 +308,7 @@ impl Store {
                 let bytes = parts.iter().map(|part| part.len() as u64).sum();
                 self.written.fetch_add(bytes, Ordering::Relaxed);
             }
-            Err(error) => drop(self.trouble.set(error.to_string())),
+            Err(error) => self.stop(error),
         }
     }
 
@@ -343,7 +349,10 @@ impl Columns for Store {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
+    use crate::value::{AnyValue, Column, Points};
 
     fn store(folder: &Path) -> io::Result<Store> {
         Store::open(folder, "0123456789abcdef0123456789abcdef", u64::MAX, HashMap::new())
@@ -373,6 +382,34 @@ mod tests {
             }
             is_over.store(1, Ordering::Relaxed);
         });
+    }
+
+    #[test]
+    fn a_result_that_was_changed_after_it_was_computed_is_not_written() {
+        for (is_intact, n) in [(true, 10), (true, 10_000), (false, 10), (false, 10_000)] {
+            let folder = tempfile::tempdir().unwrap();
+            let store = store(folder.path()).unwrap();
+            let points = Column::from(vec![Point3::new(1.0, 2.0, 3.0); n]);
+            let value = AnyValue::new(Points::new(points.clone()).unwrap());
+            let value = match is_intact {
+                true => value,
+                // As if somebody had moved a point in memory.
+                false => {
+                    let mut moved = points.to_vec();
+                    moved[n - 1].x = 100.0;
+                    let moved = Column::of_hash(moved, points.hash());
+                    AnyValue::new(Points::new(moved).unwrap())
+                }
+            };
+            let outputs = [(value.kind().name, value.hash())].into();
+            let outcome = Outcome::known(outputs, Vec::new(), value.size(), 1.0);
+            let (key, values) = (Hash::of(b"key"), Values::from(vec![value]));
+            Job::Entry { key, outcome: outcome.into(), values, trusted: true }.run(&store);
+            assert_eq!(store.entry_path(key).exists(), is_intact, "{n}");
+            let columns = fs::read_dir(store.home.join("columns")).unwrap().count();
+            assert_eq!(columns, usize::from(is_intact && n == 10_000));
+            assert_eq!(store.trouble.get().is_some(), !is_intact);
+        }
     }
 
     #[test]

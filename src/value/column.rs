@@ -55,6 +55,15 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         })
     }
 
+    /// Returns false if something has written into the items since their hash was computed.
+    pub(super) fn is_intact(&self) -> bool {
+        let hash = || {
+            of_one_block(self.len(), self.bytes())
+                .unwrap_or_else(|| Blocks::new(self.len(), self.bytes()).whole())
+        };
+        self.0.hash.get().is_none_or(|known| *known == hash())
+    }
+
     /// Hashes what tells the items in these rows, and where they are, from others. It looks at no item if the hash of the column is known.
     pub(crate) fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
         if rows.is_empty() {
@@ -160,7 +169,7 @@ impl<T> Column<T> {
     }
 
     /// A column of which the hash is known.
-    pub(super) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
+    pub(crate) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
         let column = Self(Arc::new(Shared::new(items)));
         let _ = column.0.hash.set(hash);
         column

@@ -17,6 +17,8 @@ pub struct Encoder {
     bytes: Vec<u8>,
     /// Large columns; none if the content is only hashed.
     columns: Option<Vec<Arc<dyn Bytes>>>,
+    /// False if a column that is to be kept no longer has its hash.
+    is_intact: bool,
 }
 
 /// A column below this many bytes is kept inside of its value: a file of its own would cost more.
@@ -24,7 +26,7 @@ const APART: usize = 32 << 10;
 
 impl Encoder {
     fn new(columns: Option<Vec<Arc<dyn Bytes>>>) -> Self {
-        Self { bytes: Vec::with_capacity(128), columns }
+        Self { bytes: Vec::with_capacity(128), columns, is_intact: true }
     }
 
     /// The hash of what `encode` writes behind a name.
@@ -56,6 +58,7 @@ impl Encoder {
     pub fn column<T: NoUninit + Send + Sync>(&mut self, part: &Column<T>) -> &mut Self {
         self.part(&part.hash().0);
         let Some(columns) = &mut self.columns else { return self };
+        self.is_intact &= part.is_intact();
         let bytes: &[u8] = bytemuck::cast_slice(part);
         let apart = APART <= bytes.len();
         if apart {
@@ -137,6 +140,8 @@ impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
 pub(crate) struct Kept {
     pub(crate) bytes: Vec<u8>,
     pub(crate) columns: Vec<Arc<dyn Bytes>>,
+    /// False if something has written into the value's memory, so that the bytes no longer have the value's hash.
+    pub(crate) is_intact: bool,
 }
 
 /// In memory, the columns are those that were taken.
@@ -153,7 +158,8 @@ impl Columns for Kept {
 pub(super) fn keep<T: Value>(value: &T) -> Kept {
     let mut encoder = Encoder::new(Some(Vec::new()));
     value.encode(&mut encoder);
-    Kept { bytes: encoder.bytes, columns: encoder.columns.unwrap_or_default() }
+    let Encoder { bytes, columns, is_intact } = encoder;
+    Kept { bytes, columns: columns.unwrap_or_default(), is_intact }
 }
 
 /// Where large columns come from.

@@ -32,7 +32,7 @@ impl<T: Memo> TypeOf<T> {
         describe: |_| Summary::default(),
         probe: |_, _| Summary::default(),
         size: |memo| memo.downcast_ref::<T>().map_or(0, Memo::size),
-        keep: |_| super::Kept { bytes: Vec::new(), columns: Vec::new() },
+        keep: |_| super::Kept { bytes: Vec::new(), columns: Vec::new(), is_intact: true },
         decode: |_, _, _| Err(DecodeError),
         parts: |_| Parts::default(),
         from_parts: |_| Err(PartsError::Never { kind: T::NAME }),

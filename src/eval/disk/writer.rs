@@ -45,6 +45,9 @@ const QUEUE: usize = 64;
 /// does not hold much memory.
 const MOST_WAITING: usize = 64 << 20;
 
+/// Why nothing is written any more once a result has other bytes than those that its hash was computed from.
+const CHANGED: &str = "something wrote into the memory of a result after it was computed";
+
 pub(super) struct Writer {
     store: Arc<Store>,
     waiting: Arc<AtomicUsize>,
@@ -125,6 +128,9 @@ impl Job {
         match self {
             Self::Entry { key, outcome, values, trusted } => {
                 let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
+                if !kept.iter().all(|kept| kept.is_intact) {
+                    return store.stop(CHANGED);
+                }
                 // First what the entry names.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
                     let is_new = store.write_column(&**column, trusted);
