@@ -2,8 +2,9 @@
 
 use maquette::Problem;
 use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyDict, PyList, PyString};
 use serde_json::Value as Json;
 
 /// The same as dicts, lists, texts, numbers, bools and None.
@@ -31,8 +32,18 @@ pub(crate) fn from_json<'py>(py: Python<'py>, json: &Json) -> PyResult<Bound<'py
     }
 }
 
-/// What Python says, as JSON: a value for a parameter.
+/// The deepest nesting of lists in the value of a parameter; a list that contains itself has no end.
+const MAX_DEPTH: usize = 32;
+
+/// The value of a parameter as JSON.
+///
+/// # Errors
+/// If it is a text that is not valid Unicode, lists are nested too deeply, or it is neither a number, a text nor a list.
 pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<Json> {
+    to_json_at(value, 0)
+}
+
+fn to_json_at(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Json> {
     if value.is_none() {
         return Ok(Json::Null);
     }
@@ -45,10 +56,14 @@ pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<Json> {
     if let Ok(number) = value.extract::<f64>() {
         return Ok(number.into());
     }
-    if let Ok(text) = value.extract::<String>() {
-        return Ok(text.into());
+    // A text is a list of texts, too, so that one that cannot be read must not be taken for a list.
+    if let Ok(text) = value.cast::<PyString>() {
+        return Ok(text.to_str()?.into());
     }
-    let items = value.try_iter()?.map(|item| to_json(&item?));
+    if depth == MAX_DEPTH {
+        return Err(PyValueError::new_err("lists are nested too deeply"));
+    }
+    let items = value.try_iter()?.map(|item| to_json_at(&item?, depth + 1));
     Ok(Json::Array(items.collect::<PyResult<_>>()?))
 }
 

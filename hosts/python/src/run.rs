@@ -44,14 +44,19 @@ impl Finished {
         plain::problems(py, &self.found.problems())
     }
 
-    /// Writes the outputs to a folder. Gives the files, and what could not be written.
+    /// Writes the outputs to a folder, by default that of the graph's drafts or final results. Returns the files, and what could not be
+    /// written.
     fn write<'py>(
         &self,
         py: Python<'py>,
         folder: Option<PathBuf>,
         graph: PathBuf,
+        draft: bool,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyList>)> {
-        let folder = OutputFolder::new(folder.as_deref(), &graph);
+        let folder = if draft { OutputFolder::of_draft } else { OutputFolder::new }(
+            folder.as_deref(),
+            &graph,
+        );
         if std::process::id() != self.host.process() {
             return Err(PyValueError::new_err(
                 "a run of the parent process cannot be written by a child",

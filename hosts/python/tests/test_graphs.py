@@ -5,7 +5,9 @@ from __future__ import annotations
 import pathlib
 import pickle
 import random
+import subprocess
 import warnings
+from typing import Callable
 
 import numpy as np
 import pytest
@@ -219,6 +221,39 @@ def test_outputs_are_written_as_the_command_line_writes_them(graphs, tmp_path, p
     with pytest.raises(maquette.GraphError):
         run.write(tmp_path / "taken")
     assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.every_change
+def test_a_draft_is_written_to_the_folder_of_drafts_as_by_the_command_line(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, program: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("it.ron").write_text(
+        """Graph(
+            format: 1,
+            nodes: {
+                "box": Primitive(shape: Box(size: (10, 20, 30))),
+                "skin": Subdivide(mesh: "box", scheme: DooSabin, levels: Draft(final: 3, draft: 1)),
+            },
+            outputs: { "skin.ply": "skin" },
+        )"""
+    )
+    graph = maquette.load("it.ron", cache=None)
+
+    def written() -> dict[str, bytes]:
+        return {str(path): path.read_bytes() for path in sorted(pathlib.Path("out").rglob("*.ply"))}
+
+    graph.run().write()
+    final = written()
+    assert list(final) == ["out/it/skin.ply"]
+    graph.run(draft=True).write()
+    both = written()
+    assert list(both) == ["out/it-draft/skin.ply", "out/it/skin.ply"] and both["out/it/skin.ply"] == final["out/it/skin.ply"]
+    for words in (["--draft"], []):
+        assert program("run", "it.ron", *words).returncode == 0
+    assert written() == both
+    graph.run(draft=True).write("named")
+    assert pathlib.Path("named/skin.ply").read_bytes() == both["out/it-draft/skin.ply"]
 
 
 def test_random_sequences_give_what_an_evaluation_without_memory_gives(graphs: pathlib.Path) -> None:

@@ -314,7 +314,7 @@ class Graph:
             end()
         if found is None:
             raise GraphError(problems(wrong))
-        run = Run(self, found)
+        run = Run(self, found, draft)
         failed = [problem for problem in run.problems if problem.severity == "error"]
         if strict and failed:
             raise GraphError(failed, run)
@@ -378,8 +378,8 @@ class Graph:
 class Run:
     """What a run of a graph gave: `run["skin.mesh"]` is the value of an output, a node or an output of a node."""
 
-    def __init__(self, graph: Graph, found: _maquette.Finished) -> None:
-        self._graph, self._found = graph, found
+    def __init__(self, graph: Graph, found: _maquette.Finished, draft: bool) -> None:
+        self._graph, self._found, self._draft = graph, found, draft
 
     @property
     def graph(self) -> Graph:
@@ -411,11 +411,12 @@ class Run:
         return problems(self._found.problems())
 
     def write(self, folder: Optional[Path] = None) -> List[WrittenFile]:
-        """Writes the outputs to a folder, `out/GRAPH` if none is named, as `maquette run` does; a file that is right is left alone.
+        """Writes the outputs to a folder, as `maquette run` does; a file that is right is left alone. If no folder is named, it is `out/GRAPH`, or
+        `out/GRAPH-draft` after `run(draft=True)`.
 
         What a file cannot tell of its value is a warning. Raises GraphError if a file cannot be written; what was there stays.
         """
-        written, found = self._found.write(folder, self._graph.path)
+        written, found = self._found.write(folder, self._graph.path, self._draft)
         told = problems(found)
         if any(problem.severity == "error" for problem in told):
             raise GraphError(told, self)
@@ -465,12 +466,18 @@ def _text(file: str) -> str:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """A value of NumPy or Python as a bool, number, text or list."""
+    """A value of NumPy or Python as a bool, number, text or list. Raises TypeError or ValueError with the parameter's name."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, (tuple, list)):
-        return [_plain(name, item) for item in value]
-    if isinstance(value, (bool, int, str)):
+        try:
+            return [_plain(name, item) for item in value]
+        except RecursionError:
+            raise ValueError(f"`{name}` is a list that is nested too deeply") from None
+    if isinstance(value, str):
+        _check_text(name, value)
+        return value
+    if isinstance(value, (bool, int)):
         return value
     try:
         number = float(value)
@@ -479,6 +486,15 @@ def _plain(name: str, value: Any) -> Any:
     if number != number or number in (float("inf"), float("-inf")):
         raise ValueError(f"`{name}` is {number}")
     return number
+
+
+def _check_text(name: str, text: str) -> None:
+    """Raises ValueError if a text cannot be written to a file, as names of files that are not valid UTF-8."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        reason = f"character {error.start} is a lone surrogate, as in names of files that are not valid UTF-8"
+        raise ValueError(f"`{name}` is {ascii(text)}, which is not valid Unicode: {reason}") from None
 
 
 def _param(name: str, field: Dict[str, Any]) -> Param:

@@ -1,7 +1,8 @@
 """What travels on links: meshes, range images, curves and all else, as NumPy arrays.
 
-A value never changes. Its arrays share its memory, cannot be written to, and keep it alive; `.copy()` of one may be changed and made a new
-value. NumPy is loaded when the first array is asked for.
+A value never changes. Each access to an array makes a copy: some libraries, such as VTK, Open3D and PyTorch, write into arrays that are
+read-only. Keep an array in a variable rather than access it in a loop. The copy is read-only, so that a write that was meant for the value is
+an error; `.copy()` of it can be changed and made a new value. NumPy is loaded when the first array is accessed.
 """
 
 from __future__ import annotations
@@ -35,7 +36,40 @@ class Part(NamedTuple):
     meaning: str
     """What its numbers mean: `position` (mm), `direction`, `number`, `level` (sRGB, 0 to 255), `index` (from 0) or `exact`."""
     array: NDArray[Any]
-    """The numbers, (n,) or (n, numbers an element); (rows, columns, ..) on pixels. Shared, cannot be written to."""
+    """The numbers, (n,) or (n, numbers an element); (rows, columns, ..) on pixels. A read-only copy."""
+
+
+class _Parts(Mapping[str, Part]):
+    """The columns of a value by name; each access copies one."""
+
+    def __init__(self, columns: Sequence[_maquette.Column]) -> None:
+        self._columns = {column.name: column for column in columns}
+
+    def __getitem__(self, name: str) -> Part:
+        column = self._columns[name]
+        return Part(column.name, column.on, column.meaning, _copy(column))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def names_on(self, on: str) -> List[str]:
+        """The names of the columns of these elements."""
+        return [name for name, column in self._columns.items() if column.on == on]
+
+
+def _copy(column: _maquette.Column) -> NDArray[Any]:
+    """The numbers of a column as an array that nobody can make writable by its flags."""
+    import numpy as np
+
+    array: NDArray[Any] = np.array(column)
+    array.flags.writeable = False
+    return array.view()
 
 
 class Value:
@@ -49,7 +83,7 @@ class Value:
     KIND: ClassVar[str] = ""
 
     _native: _maquette.Value
-    _parts: Optional[Dict[str, Part]]
+    _parts: Optional[_Parts]
 
     def __init__(self) -> None:
         raise TypeError("a value is made by its type, as Mesh(vertices, faces), by Value.from_parts, or by a graph")
@@ -125,12 +159,13 @@ class Value:
 
     @property
     def parts(self) -> Mapping[str, Part]:
-        """All columns of which it is made, by name."""
-        if self._parts is None:
-            import numpy as np
+        """All columns of which it is made, by name; each access copies one."""
+        return self._columns
 
-            columns = self._native.columns()
-            self._parts = {it.name: Part(it.name, it.on, it.meaning, np.asarray(it)) for it in columns}
+    @property
+    def _columns(self) -> _Parts:
+        if self._parts is None:
+            self._parts = _Parts(self._native.columns())
         return self._parts
 
     def probe(self, column: int, row: int) -> Dict[str, Any]:
@@ -230,25 +265,23 @@ class _Attributes(Mapping[str, "NDArray[Any]"]):
 
     def __init__(self, value: Value, on: str, own: Sequence[str]) -> None:
         prefix = "" if on in ("vertex", "point") else on + " "
-        parts = [part for part in value.parts.values() if part.on == on and part.name not in own]
-        self._arrays = {part.name[len(prefix) :]: part.array for part in parts}
-        self._on = on
+        self._parts, self._on = value._columns, on
+        self._names = {name[len(prefix) :]: name for name in self._parts.names_on(on) if name not in own}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        try:
-            return self._arrays[name]
-        except KeyError:
-            known = ", ".join(self._arrays) or "none"
-            raise KeyError(f"no attribute `{name}` of {self._on} elements; there are: {known}") from None
+        if name not in self._names:
+            known = ", ".join(self._names) or "none"
+            raise KeyError(f"no attribute `{name}` of {self._on} elements; there are: {known}")
+        return self._parts[self._names[name]].array
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._arrays)
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._arrays)
+        return len(self._names)
 
     def __repr__(self) -> str:
-        return repr(self._arrays)
+        return repr(dict(self))
 
 
 class Mesh(Value):
