@@ -1,4 +1,4 @@
-# The recipes of a working day; `ci` is exactly what CI runs.
+# The recipes of a working day; `ci` is exactly what CI runs, `nightly` all the rest.
 
 test *args:
     cargo test --workspace {{args}}
@@ -34,9 +34,13 @@ peers *args:
 bars *args:
     python3 benches/bars/bars.py {{args}}
 
-# Our subdivision beside OpenSubdiv (Debian: libosd-dev) and CGAL (libcgal-dev), point by point. Needs ../shared/data.
+# Our subdivision beside OpenSubdiv and CGAL (from Debian), point by point. Needs ../shared/data.
 oracles:
     bash tests/oracles/subdivision/run
+
+# Every kind of PLY file, opened by Open3D, MeshLab, trimesh and assimp. They come from PyPI and Debian.
+readers:
+    bash tests/readers/run
 
 # Do trimesh and Blender see the doll's files upright, facing, textured and in one place? Installs both from PyPI, some 400 MB.
 files:
@@ -63,9 +67,9 @@ sequences count="2000":
 
 # Are the types of the live page's scripts and of the contact sheet's right? Installs the checker from npm beside the build.
 page:
-    npm install --silent --prefix target/page typescript
-    target/page/node_modules/.bin/tsc --project page
-    target/page/node_modules/.bin/tsc --project src/batch/sheet
+    bash tests/sheet/install
+    target/sheet/node_modules/.bin/tsc --project page
+    target/sheet/node_modules/.bin/tsc --project src/batch/sheet
 
 # The contact sheet of a batch in a real Chromium. What drives it comes from npm.
 sheet *args:
@@ -92,5 +96,10 @@ farm *args:
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}
 
+# What every change must pass.
 ci:
     bash .ci/run
+
+# Everything else, too, some 60 minutes: hosts, farms, oracles, fuzzing, and laws with new random cases; `just nightly blender` for some.
+nightly *steps:
+    bash .ci/nightly {{steps}}

@@ -312,7 +312,6 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
 }
 
 /// What came out of the tests of a folder.
-#[derive(Clone, Debug, PartialEq)]
 pub struct TestRun {
     /// How many cases passed.
     pub passed: usize,
@@ -320,6 +319,19 @@ pub struct TestRun {
     pub graphs: Vec<PathBuf>,
     /// What is wrong, one thing each.
     pub failures: Vec<String>,
+    report: Report,
+}
+
+impl TestRun {
+    /// The page of `maquette test --report`: old, new and difference of each result that is not its golden.
+    pub fn html(&self) -> String {
+        html::page(&self.report)
+    }
+
+    /// The document of `maquette test --junit`, for CI systems.
+    pub fn junit(&self) -> String {
+        junit::document(&self.report)
+    }
 }
 
 /// Runs all tests of graphs in a folder, as `maquette test --cold` does, so many at once.
@@ -349,7 +361,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     let mut graphs = Vec::from_iter(report.cases.iter().map(|case| case.graph.clone()));
     graphs.dedup();
     let passed = report.count(|case| case.state == State::Passed);
-    Ok(TestRun { passed, graphs, failures })
+    Ok(TestRun { passed, graphs, failures, report })
 }
 
 /// A session of one thread that keeps nothing from one process to the next, and holds at most so much memory.

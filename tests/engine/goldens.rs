@@ -13,16 +13,31 @@ fn run(folder: &Path, threads: usize) -> TestRun {
     test_graphs(folder, &catalog, threads).unwrap()
 }
 
-/// The tests of all graphs, run once for whoever asks.
-fn all() -> &'static TestRun {
-    static ALL: OnceLock<TestRun> = OnceLock::new();
-    ALL.get_or_init(|| run(Path::new(GRAPHS), 2))
+/// The results of the tests of all graphs.
+struct Results {
+    passed: usize,
+    graphs: Vec<PathBuf>,
+    failures: Vec<String>,
+}
+
+/// Runs the tests of all graphs once, and writes their reports to `target/tmp`.
+fn all() -> &'static Results {
+    static ALL: OnceLock<Results> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let run = run(Path::new(GRAPHS), 2);
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        std::fs::write(folder.join("graph-tests.html"), run.html()).unwrap();
+        std::fs::write(folder.join("graph-tests.xml"), run.junit()).unwrap();
+        let TestRun { passed, graphs, failures, .. } = run;
+        Results { passed, graphs, failures }
+    })
 }
 
 #[test]
 fn every_graph_gives_what_it_gave() {
     let run = all();
-    assert!(run.failures.is_empty(), "{}", run.failures.join("\n"));
+    let page = concat!(env!("CARGO_TARGET_TMPDIR"), "/graph-tests.html");
+    assert!(run.failures.is_empty(), "{}\nsee {page}", run.failures.join("\n"));
     assert!(run.passed >= 50, "{} cases", run.passed);
 }
 
