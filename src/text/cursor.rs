@@ -350,8 +350,8 @@ mod tests {
         // A string over several lines is one, unless its last quote begins another string.
         check("A(b: \"x\n |y\")", "A(b#0 Text `x\n y`");
         check("A(b: \"x|\n c: \"y\")", "A(b#0 Text `x`");
-        check("A(b: \"x\r\n c: \"y|\")", "A(b#0 Text `y`");
-        check("A(b: {\"k\": \"x\r \"l\": B(c: \"|\n \"m\": 2", "A(b#0 {k#0 Text ``");
+        check("A(b: \"x\r\n c: \"y|\")", "A(c#0 Text `y`");
+        check("A(b: {\"k\": \"x\r \"l\": B(c: \"|\n \"m\": 2", "A(b#0 {l#0 B(c#0 Text ``");
         check("A(b: \"x\"), |", " Nothing ``");
         check(")}|", " Nothing ``");
     }
