@@ -12,12 +12,12 @@ use super::limit::limit_rows::{Limit, LimitPlaces};
 use super::refine::topology::Topology;
 use super::solve::blocks::limit_matrix;
 use super::solve::control_points::control_points;
-use super::solve::extent::is_far;
+use super::solve::extent::stray;
 use super::solve::geometric::Look;
 use super::solve::interpolation::{Direction, Foot, Interpolation, NotLinear, Solver};
 use super::solve::least_squares::least_squares;
 use super::solve::limit_matrix::PRODUCTS;
-use super::solve::solution::{End, Interpolated, RanAway, Solution};
+use super::solve::solution::{Diverged, End, Interpolated, Solution};
 use super::surface::limit_feet::{ClosestFeet, vertex_feet};
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
 
@@ -30,8 +30,9 @@ use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivisio
 /// `CatmullClark` has none for some: a pattern that alternates around vertices of three faces, as on a cube, is smoothed away whole.
 ///
 /// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
-/// progressive form. With `foot: Closest` or `direction: Normal` all control points stay within the diagonal of the vertices' box from
-/// their vertices, or there is an error.
+/// progressive form. With `foot: Closest` or `direction: Normal` the surface stays near the vertices, no farther from their bounding
+/// box than its diagonal, or there is an error. Control points may be farther away: where the vertices alternate between high and low, those of
+/// `CatmullClark` are nine times as high.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Interpolate {
     /// The vertices to meet, and how they hang together.
@@ -96,11 +97,11 @@ pub enum InterpolateError {
     #[error(transparent)]
     TooMuch(#[from] TooMuch),
     /// Control points out of all bounds.
-    #[error("the iteration ran away: {0}")]
+    #[error("the iteration diverged: {0}")]
     Mesh(#[from] MeshError),
-    /// The iteration leads away.
+    /// The iteration leads away from the points.
     #[error(transparent)]
-    RanAway(#[from] RanAway),
+    Diverged(#[from] Diverged),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -186,8 +187,8 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError
 /// that are missed by most go on with their control points' limits. At the border of an open mesh Doo's and Sabin's scheme has these alone.
 ///
 /// # Errors
-/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, the control
-/// points of a nonlinear iteration leave the box's diagonal behind, or the evaluation is told to stop.
+/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, a
+/// nonlinear iteration diverges, or the evaluation is told to stop.
 pub fn interpolate(
     mesh: &Mesh,
     scheme: Scheme,
@@ -230,12 +231,13 @@ fn interpolate_with<E: From<InterpolateError>>(
             .map_err(InterpolateError::from)?;
     }
     let matrix = || limit_matrix(&limits, mesh.faces(), fixed);
+    let sample = |control: &[Point3<f64>]| sample(mesh, subdivision, control);
     let solved = match how.foot {
         Foot::Closest => {
             let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
             let mut feet = feet.map_err(InterpolateError::from)?;
             let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, look.own);
-            control_points(points, how, fixed, progress, feet, matrix)
+            control_points(points, how, fixed, progress, feet, sample, matrix)
         }
         Foot::Vertex => {
             let normals = how.direction == Direction::Normal;
@@ -245,7 +247,7 @@ fn interpolate_with<E: From<InterpolateError>>(
             let feet = |control: &[Point3<f64>], look: Look<'_>| {
                 vertex_feet(rows, facing.as_ref(), control, look.own)
             };
-            control_points(points, how, fixed, progress, feet, matrix)
+            control_points(points, how, fixed, progress, feet, sample, matrix)
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;
@@ -263,14 +265,26 @@ fn interpolate_with<E: From<InterpolateError>>(
             nearest
         }
     };
-    if !how.is_linear() && is_far(&solution.found.control, points) {
-        let last = solution.found.trace.steps().last();
-        let (iteration, missed) = last.map_or((0, 0.0), |step| (step.iteration as u32, step.max));
-        solution.found.end = End::RanAway(RanAway { iteration, missed });
+    if !how.is_linear()
+        && let Some(stray) = stray(&solution.found.control, points, sample)
+    {
+        let last = solution.found.trace.steps().last().map_or(0, |step| step.iteration as u32);
+        solution.found.end = End::Diverged(Diverged::strayed(last, stray));
     }
     let shape = |control| mesh.with_positions(control).map_err(InterpolateError::from);
     let found = solution.found.shaped(shape)?;
     Ok(Interpolated { shape: found.shape.without("normal"), ..found })
+}
+
+/// Points of the limit surface of `mesh` with other control points: at these and in the middle of edges and faces. `None` if they overflow.
+fn sample(
+    mesh: &Mesh,
+    subdivision: Subdivision,
+    control: &[Point3<f64>],
+) -> Option<Vec<Point3<f64>>> {
+    let control = mesh.with_positions(control.to_vec()).ok()?;
+    let plan = Plan::new(&control, Subdivision { levels: 1, limit: true, ..subdivision }).ok()?;
+    Some(plan.apply(&control).ok()?.positions().to_vec())
 }
 
 fn not_interpolable(

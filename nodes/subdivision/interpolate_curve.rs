@@ -12,7 +12,7 @@ use super::solve::control_points::control_points;
 use super::solve::geometric::{FootPoint, Look, Perpendicular};
 use super::solve::interpolation::{Foot, Interpolation, NotLinear};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{Interpolated, RanAway};
+use super::solve::solution::{Diverged, Interpolated};
 
 /// Finds the control points of a smooth curve through given points.
 ///
@@ -48,11 +48,11 @@ pub enum InterpolateCurveError {
     #[error("the points do not determine the curve: some lie in one place")]
     Singular,
     /// Control points out of all bounds.
-    #[error("the iteration ran away: {0}")]
+    #[error("the iteration diverged: {0}")]
     Curve(#[from] CurveError),
-    /// The iteration leads away.
+    /// The iteration leads away from the points.
     #[error(transparent)]
-    RanAway(#[from] RanAway),
+    Diverged(#[from] Diverged),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -91,8 +91,11 @@ pub fn interpolate_curve(
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
     let mut feet = Feet::new(&family, points, how.foot);
     let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
+    // A span has no more extremes than its degree.
+    let pieces = 4 * basis.degree();
+    let sample = |control: &[Point3<f64>]| Some(family.curve(control).ok()?.sample(pieces));
     let matrix = || matrix(&family, basis, points.len(), curve.is_closed());
-    let solution = control_points(points, how, &[], progress, feet, matrix)?;
+    let solution = control_points(points, how, &[], progress, feet, sample, matrix)?;
     let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
     found.shaped(|control| match basis {
         CurveBasis::BSpline(_) => Ok(family.curve(&control)?),
@@ -127,7 +130,7 @@ impl<'a> Feet<'a> {
     }
 
     fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
-        // A curve that ran away has no feet; the iteration notes infinite distances and ends.
+        // A curve whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
         let Ok(curve) = self.family.curve(control) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };

@@ -13,7 +13,7 @@ use super::solve::control_points::control_points;
 use super::solve::geometric::{FootPoint, Look, Perpendicular};
 use super::solve::interpolation::{Foot, Interpolation, NotLinear};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{Interpolated, RanAway};
+use super::solve::solution::{Diverged, Interpolated};
 use maquette_base::linear::stencils::Stencils;
 use maquette_nurbs::parameters;
 
@@ -54,14 +54,14 @@ pub enum InterpolateSurfaceError {
     #[error("the points do not determine the surface: some lie in one place")]
     Singular,
     /// Control points out of all bounds.
-    #[error("the iteration ran away: {0}")]
+    #[error("the iteration diverged: {0}")]
     Net(#[from] ControlNetError),
     /// No surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// The iteration leads away.
+    /// The iteration leads away from the points.
     #[error(transparent)]
-    RanAway(#[from] RanAway),
+    Diverged(#[from] Diverged),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -106,7 +106,8 @@ pub fn interpolate_surface(
         let blocks = vec![(0..net.points().len() as u32).collect()];
         LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
     };
-    let solution = control_points(net.points(), how, &[], progress, feet, matrix)?;
+    let sample = |control: &[Point3<f64>]| sheet.sample(control);
+    let solution = control_points(net.points(), how, &[], progress, feet, sample, matrix)?;
     solution
         .ok_or(InterpolateSurfaceError::Singular)?
         .found
@@ -132,6 +133,17 @@ impl<'a> Sheet<'a> {
         let net = ControlNet::new(self.net.rows(), self.net.columns(), control)?;
         let [u, v] = self.knots.clone();
         Ok(Surface::new(net.with_frame(self.net.frame().copied()), u, v)?)
+    }
+
+    /// Points of the surface of some control points: at the parameters of the net's points and half-way between them. `None` if the control
+    /// points overflowed.
+    fn sample(&self, control: &[Point3<f64>]) -> Option<Vec<Point3<f64>>> {
+        let surface = self.surface(control.to_vec()).ok()?;
+        let [us, vs] = self.parameters.each_ref().map(|parameters| {
+            let halves = parameters.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+            parameters.iter().copied().chain(halves).collect::<Vec<_>>()
+        });
+        Some(surface.grid(&us, &vs))
     }
 
     /// The points of the surface at the parameters of the net's points, in terms of the control points.
@@ -176,7 +188,7 @@ impl<'a> Feet<'a> {
     }
 
     fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
-        // A surface that ran away has no feet; the iteration notes infinite distances and ends.
+        // A surface whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
         let Ok(surface) = self.sheet.surface(control.to_vec()) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };
@@ -273,6 +285,51 @@ mod tests {
                 assert!(distance <= allowed * (1.0 + 1e-9) && allowed < before);
             }
         }
+    }
+
+    /// A grid of points that alternate between high and low, 1 mm apart.
+    fn checkered([rows, columns]: [usize; 2], amplitude: f64) -> ControlNet {
+        let point = |k: usize| {
+            let [row, column] = [k / columns, k % columns];
+            let sign = if (row + column) % 2 == 0 { amplitude } else { -amplitude };
+            Point3::new(column as f64, row as f64, sign)
+        };
+        ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn alternating_points_are_met_by_every_foot_and_direction() {
+        let mut far = 0;
+        for size in [[5, 5], [5, 8]] {
+            for amplitude in [0.2, 1.0, 5.0] {
+                let net = checkered(size, amplitude);
+                for (foot, direction) in [
+                    (Foot::Vertex, Direction::Residual),
+                    (Foot::Vertex, Direction::Normal),
+                    (Foot::Closest, Direction::Residual),
+                    (Foot::Closest, Direction::Normal),
+                ] {
+                    let name = format!("{size:?} {amplitude} {foot:?} {direction:?}");
+                    let how = Interpolation { foot, direction, ..Interpolation::default() };
+                    let how = Interpolation { solver: Solver::Plain, iterations: 500, ..how };
+                    let found = interpolate_surface(&net, [4, 4], &how, &Progress::none());
+                    let found = found.unwrap_or_else(|error| panic!("{name}: {error}"));
+                    let diagonal = crate::solve::extent::diagonal(net.points());
+                    let distances =
+                        net.points().iter().map(|&point| found.shape.closest(point).distance);
+                    let distance = distances.fold(0.0, f64::max);
+                    assert!(found.settled && distance <= 1.001e-6 * diagonal, "{name}: {distance}");
+                    let control = found.shape.net().points();
+                    let moved = control.iter().zip(net.points()).map(|(a, b)| (a - b).norm());
+                    far += usize::from(moved.fold(0.0, f64::max) > diagonal);
+                    // The surface goes no farther than waves through the points do.
+                    let drawn = found.shape.tessellate(0, 0).unwrap();
+                    let height = drawn.positions().iter().map(|p| p.z.abs()).fold(0.0, f64::max);
+                    assert!(height <= 4.0 * amplitude, "{name}: {height}");
+                }
+            }
+        }
+        assert!(far > 0, "some control points are far away");
     }
 
     #[test]

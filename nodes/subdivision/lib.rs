@@ -55,7 +55,7 @@ pub use scheme::Scheme;
 pub use sharp_edges::crease;
 pub use simplify::{Simplify, SimplifyError, simplify};
 pub use solve::interpolation::{Direction, Foot, Interpolation, Norm, NotLinear, Solver};
-pub use solve::solution::{Interpolated, RanAway};
+pub use solve::solution::{Diverged, Interpolated};
 pub use subdivide::{Subdivide, subdivide};
 pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
 pub use subdivide_error::SubdivideError;

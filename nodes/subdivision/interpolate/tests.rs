@@ -6,6 +6,7 @@ use super::*;
 use crate::refine::without_border::select_faces;
 use crate::solve::interpolation::{Norm, Solver};
 
+mod alternating;
 mod given;
 mod published;
 

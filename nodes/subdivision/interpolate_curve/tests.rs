@@ -153,3 +153,47 @@ fn what_cannot_be_interpolated_is_refused() {
     let few = refused(&helix(3), CurveBasis::BSpline(3), &Interpolation::default());
     assert!(matches!(few, InterpolateCurveError::Knots(_)), "{few}");
 }
+
+#[test]
+fn alternating_points_are_met_by_every_foot_and_direction() {
+    for (closed, count, amplitude) in [false, true]
+        .into_iter()
+        .flat_map(|closed| [8, 13, 40].map(|count| (closed, count)))
+        .flat_map(|(closed, count)| [0.1, 1.0, 10.0].map(|a| (closed, count, a)))
+    {
+        let point = |k: u32| {
+            let sign = if k % 2 == 0 { amplitude } else { -amplitude };
+            let angle = TAU * f64::from(k) / f64::from(count);
+            let radius = f64::from(count) / TAU;
+            match closed {
+                true => Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), sign),
+                false => Point3::new(f64::from(k), sign, 0.0),
+            }
+        };
+        let curve = Curve::polyline((0..count).map(point).collect::<Vec<_>>(), closed).unwrap();
+        for basis in [CurveBasis::Chaikin, CurveBasis::Cubic, CurveBasis::BSpline(3)] {
+            for (foot, direction) in [
+                (Foot::Vertex, Direction::Residual),
+                (Foot::Vertex, Direction::Normal),
+                (Foot::Closest, Direction::Residual),
+                (Foot::Closest, Direction::Normal),
+            ] {
+                let name = format!("{closed} {count} {amplitude} {basis:?} {foot:?} {direction:?}");
+                let how = Interpolation { direction, ..plain(foot) };
+                let found = interpolate_curve(&curve, basis, &how, &Progress::none());
+                let found = found.unwrap_or_else(|error| panic!("{name}: {error}"));
+                assert!(found.settled, "{name}");
+                let family = ControlCurve::new(basis, curve.points(), closed).unwrap();
+                let through = match basis {
+                    CurveBasis::BSpline(_) => found.shape,
+                    _ => family.curve(found.shape.points()).unwrap(),
+                };
+                let allowed = 1.001e-6 * crate::solve::extent::diagonal(curve.points());
+                for &point in curve.points().iter() {
+                    let distance = through.closest(point).distance;
+                    assert!(distance <= allowed, "{name}: {distance}");
+                }
+            }
+        }
+    }
+}

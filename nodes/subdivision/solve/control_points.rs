@@ -9,7 +9,8 @@ use super::limit_matrix::LimitMatrix;
 use super::solution::Solution;
 
 /// The control points whose feet are `points`, by the iteration with these feet or from the equations of this matrix; none if
-/// these have no solution. `fixed` marks control points that stay, and which the matrix leaves out; it may be empty.
+/// these have no solution. `sample` gives points all over what some control points make. `fixed` marks control points that stay, and which the
+/// matrix leaves out; it may be empty.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -19,10 +20,11 @@ pub(crate) fn control_points(
     fixed: &[bool],
     progress: &Progress<'_>,
     feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
+    sample: impl Fn(&[Point3<f64>]) -> Option<Vec<Point3<f64>>>,
     matrix: impl FnOnce() -> LimitMatrix,
 ) -> Result<Option<Solution>, Cancelled> {
     match how.solver {
-        Solver::Plain => iterate(points, how, fixed, progress, feet).map(Some),
+        Solver::Plain => iterate(points, how, fixed, progress, feet, sample).map(Some),
         Solver::Pcg | Solver::Direct => matrix().solve(points, how, progress),
     }
 }

@@ -1,17 +1,70 @@
-//! How far points are from each other.
+//! The size of a set of points, and how far a curve or surface is from them.
 
 use nalgebra::Point3;
 
-/// Whether a control point is farther from its point than the points are from each other.
-pub(crate) fn is_far(control: &[Point3<f64>], points: &[Point3<f64>]) -> bool {
-    let size = diagonal(points);
-    control.iter().zip(points).any(|(control, point)| (control - point).norm() > size)
+/// The distance of a curve or surface that leaves the neighborhood of its points, and the size of this neighborhood.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stray {
+    /// The largest distance of the samples from the points' bounding box, in mm; infinite if they overflow.
+    pub(crate) distance: f64,
+    /// The diagonal of that box, in mm.
+    pub(crate) diagonal: f64,
+}
+
+/// Checks that the curve or surface of `control` stays near `points`: no farther from their bounding box than its diagonal. Returns `None`
+/// if it does. `sample` returns points of the curve or surface, or `None` if they overflow.
+///
+/// The distance of the control points says nothing by itself. Around alternating data a cubic curve needs control points three times as far
+/// out as the data, a bicubic surface nine times, and more at a border; the curve or surface stays near all the same. But it is in the convex
+/// hull of its control points, so it need not be sampled if these are near.
+pub(crate) fn stray(
+    control: &[Point3<f64>],
+    points: &[Point3<f64>],
+    sample: impl FnOnce(&[Point3<f64>]) -> Option<Vec<Point3<f64>>>,
+) -> Option<Stray> {
+    let (low, high) = bounds(points)?;
+    let diagonal = (high - low).norm();
+    let is_near = |distance: f64| distance <= diagonal;
+    if control.iter().zip(points).all(|(control, point)| is_near((control - point).norm())) {
+        return None;
+    }
+    let distance = |sample: &Point3<f64>| {
+        let distance = (sample - sample.sup(&low).inf(&high)).norm();
+        if distance.is_finite() { distance } else { f64::INFINITY }
+    };
+    let samples = sample(control);
+    let distance =
+        samples.map_or(f64::INFINITY, |samples| samples.iter().map(distance).fold(0.0, f64::max));
+    (!is_near(distance)).then_some(Stray { distance, diagonal })
 }
 
 /// The diagonal of the box around some points.
 pub(crate) fn diagonal(points: &[Point3<f64>]) -> f64 {
-    let Some(first) = points.first() else { return 0.0 };
-    let (low, high) =
-        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
-    (high - low).norm()
+    bounds(points).map_or(0.0, |(low, high)| (high - low).norm())
+}
+
+/// The lowest and highest corner of the box around some points; `None` if there are no points.
+fn bounds(points: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
+    let first = points.first()?;
+    Some(points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: [Point3<f64>; 2] = [Point3::new(0.0, 0.0, 0.0), Point3::new(3.0, 4.0, 0.0)];
+
+    #[test]
+    fn a_surface_strays_by_its_samples_and_not_by_its_control_points() {
+        let far = [Point3::new(0.0, 0.0, 90.0), Point3::new(3.0, 4.0, -90.0)];
+        let at = |z: f64| stray(&far, &POINTS, |_| Some(vec![Point3::new(1.0, 1.0, z)]));
+        assert_eq!(at(5.0), None);
+        assert_eq!(at(6.0), Some(Stray { distance: 6.0, diagonal: 5.0 }));
+        for overflow in [at(f64::NAN), at(f64::INFINITY), stray(&far, &POINTS, |_| None)] {
+            assert_eq!(overflow, Some(Stray { distance: f64::INFINITY, diagonal: 5.0 }));
+        }
+        let near = stray(&POINTS, &POINTS, |_| panic!("near control points need no samples"));
+        assert_eq!(near, None);
+    }
 }

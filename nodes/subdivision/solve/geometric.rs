@@ -11,10 +11,10 @@
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
-use super::extent::{diagonal, is_far};
+use super::extent::{diagonal, stray};
 use super::interpolation::{Direction, Interpolation};
 use super::record::{Record, STALL};
-use super::solution::{End, Found, RanAway, Solution};
+use super::solution::{Diverged, End, Found, Solution};
 use maquette_base::linear::missed::Missed;
 
 /// A point of a curve or surface, and which way is perpendicular there.
@@ -36,7 +36,7 @@ pub(crate) enum Perpendicular {
 }
 
 impl FootPoint {
-    /// What something that ran away has in place of a foot.
+    /// The foot on a curve or surface whose numbers overflowed.
     pub(crate) fn nowhere() -> Self {
         let point = Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY);
         Self { point, perpendicular: Perpendicular::Nowhere }
@@ -87,7 +87,7 @@ struct Own {
     is: Vec<bool>,
     /// The largest distance that was to be halved, and since when.
     mark: (f64, u32),
-    /// When the last points joined.
+    /// The first iteration with the last points that joined.
     since: u32,
 }
 
@@ -113,17 +113,21 @@ impl Own {
         let is_new = |(k, own): (usize, &bool)| !own && holds_up(k);
         let any = self.is.iter().enumerate().any(is_new);
         self.is.iter_mut().enumerate().for_each(|(k, own)| *own |= !any || holds_up(k));
-        (self.mark, self.since) = ((f64::INFINITY, iteration), iteration);
+        // The distances of this iteration are from other feet than those of the next.
+        (self.mark, self.since) = ((f64::INFINITY, iteration), iteration + 1);
     }
 }
 
-/// The geometric iteration. `feet` gives the foot of each point on what some control points make. Control points that `fixed` marks stay
-/// and have no say; it may be empty.
+/// The geometric iteration. `feet` gives the foot of each point on what some control points make, `sample` points all over it, as
+/// [`stray`] wants them. Control points that `fixed` marks stay and have no say; it may be empty.
 ///
 /// Only of a linear problem it is known that it converges: that of the control points' own limits. So where the largest distance is not
 /// halved in time, or grows, the points that are missed by most take their own limits for feet from then on, and the iteration goes on
 /// from the best iterate. Nearby points may have slid onto nearly the same place of the surface, so that nothing moves them apart; none
 /// slides any more. Each time there are more such points, and with all of them the problem is linear.
+///
+/// A nonlinear iteration has diverged if the distances grew, or were no longer reduced, and were never small; or if its curve or surface left
+/// the neighborhood of the points, which it may do between feet that are near. Control points may be far from their points.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -133,6 +137,7 @@ pub(crate) fn iterate(
     fixed: &[bool],
     progress: &Progress<'_>,
     mut feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
+    sample: impl Fn(&[Point3<f64>]) -> Option<Vec<Point3<f64>>>,
 ) -> Result<Solution, Cancelled> {
     let is_fixed = |k: usize| fixed.get(k).is_some_and(|&fixed| fixed);
     let squares = |feet: &[FootPoint]| {
@@ -164,7 +169,7 @@ pub(crate) fn iterate(
             off = squares(&found);
         }
         let now = missed(&off);
-        if record.note(now) && (how.is_linear() || !is_far(&control, points)) {
+        if record.note(now) && (how.is_linear() || stray(&control, points, &sample).is_none()) {
             let found = Found { control, trace: record.into_trace(), end: End::Settled };
             return Ok(Solution { found, unreachable: false });
         }
@@ -191,9 +196,12 @@ pub(crate) fn iterate(
         return Ok(Solution { found, unreachable: false });
     }
     let (missed, iteration, control) = best;
-    let end = match is_far(&control, points) || is_lost && missed > NEAR * record.first() {
-        true => End::RanAway(RanAway { iteration, missed }),
-        false => End::Short,
+    let end = match stray(&control, points, sample) {
+        _ if is_lost && missed > NEAR * record.first() => {
+            End::Diverged(Diverged::Missed { iteration, missed })
+        }
+        Some(stray) => End::Diverged(Diverged::strayed(iteration, stray)),
+        None => End::Short,
     };
     let found = Found { control, trace: record.until(iteration).into_trace(), end };
     Ok(Solution { found, unreachable: false })

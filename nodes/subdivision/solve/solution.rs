@@ -4,6 +4,8 @@ use maquette::Context;
 use maquette::value::Trace;
 use nalgebra::Point3;
 
+use super::extent::Stray;
+
 /// The control points that were found, and how.
 #[derive(Clone, Debug)]
 pub(crate) struct Found {
@@ -19,8 +21,8 @@ pub(crate) enum End {
     Settled,
     /// They are not yet, or cannot be.
     Short,
-    /// They grew, and were never small, or control points went too far.
-    RanAway(RanAway),
+    /// They grew and were never small, or the curve or surface left the neighborhood of the points.
+    Diverged(Diverged),
 }
 
 impl End {
@@ -32,15 +34,38 @@ impl End {
 
 /// An iteration that leads away from the points.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "the iteration runs away: at its best, after {iteration} iterations, it misses a point by {missed:.3e} mm or has control points farther \
-     away than the points from each other; take more iterations, or `foot: Vertex` with `direction: Residual`"
-)]
-pub struct RanAway {
-    /// The iteration that came nearest.
-    pub iteration: u32,
-    /// The distance then, in mm.
-    pub missed: f64,
+pub enum Diverged {
+    /// The distances do not become small.
+    #[error(
+        "the iteration diverged: at its best, after {iteration} iterations, it misses a point by {missed:.3e} mm; increase `iterations`, or \
+         use `foot: Vertex` with `direction: Residual`"
+    )]
+    Missed {
+        /// The iteration that came nearest.
+        iteration: u32,
+        /// The distance then, in mm.
+        missed: f64,
+    },
+    /// The curve or surface leaves the neighborhood of the points.
+    #[error(
+        "the iteration diverged: after {iteration} iterations it leads {distance:.3e} mm away from the points, whose bounding box has a \
+         diagonal of {diagonal:.3e} mm; increase `iterations`, or use `foot: Vertex` with `direction: Residual`"
+    )]
+    Strayed {
+        /// The iteration that came nearest.
+        iteration: u32,
+        /// The largest distance of the curve or surface from the bounding box then, in mm.
+        distance: f64,
+        /// The diagonal of the bounding box, in mm.
+        diagonal: f64,
+    },
+}
+
+impl Diverged {
+    /// The error of a curve or surface that is too far from its points after some iterations.
+    pub(crate) fn strayed(iteration: u32, Stray { distance, diagonal }: Stray) -> Self {
+        Self::Strayed { iteration, distance, diagonal }
+    }
 }
 
 /// Control points, and whether the limits of any are nearer to the given points.
@@ -65,12 +90,12 @@ impl Found {
     /// What `shape` makes of the control points.
     ///
     /// # Errors
-    /// If the iteration ran away, and those of `shape`.
-    pub(crate) fn shaped<T, E: From<RanAway>>(
+    /// If the iteration diverged, and those of `shape`.
+    pub(crate) fn shaped<T, E: From<Diverged>>(
         self,
         shape: impl FnOnce(Vec<Point3<f64>>) -> Result<T, E>,
     ) -> Result<Interpolated<T>, E> {
-        if let End::RanAway(error) = self.end {
+        if let End::Diverged(error) = self.end {
             return Err(error.into());
         }
         let settled = self.end == End::Settled;

@@ -86,7 +86,7 @@ impl<'a> ClosestFeet<'a> {
 
     /// The feet on the surface of some control points; their own limits where `own` is set.
     pub(crate) fn of(&mut self, control: &[Point3<f64>], own: &[bool]) -> Vec<FootPoint> {
-        // A surface that ran away has no feet; the iteration notes infinite distances and ends.
+        // A surface whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
         if !self.surface.move_to(control) {
             return vec![FootPoint::nowhere(); control.len()];
         }
