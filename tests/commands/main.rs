@@ -23,6 +23,7 @@ mod remote;
 mod reuse;
 mod sequences;
 mod serve;
+mod shared_graphs;
 mod sheet;
 mod telling;
 mod text_commands;

@@ -1,0 +1,55 @@
+//! The graphs that the project's design says must run as they stand, where the checkout has them beside it.
+
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use crate::beside::beside;
+
+/// Runs a graph, and says what is wrong with it or its outputs.
+fn run(graph: &Path) -> Result<(), String> {
+    let name = graph.file_name().unwrap().to_string_lossy();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.arg("run").arg(graph).arg("--json").arg("--out").arg(&out).current_dir(folder.path());
+    command.env("MAQUETTE_CACHE", folder.path().join("cache")).env("NO_COLOR", "1");
+    let output = command.output().unwrap();
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("{name}: {}\n{said}", output.status));
+    }
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let outputs = report["outputs"].as_array().unwrap();
+    let written = |name: &str| out.join(name).metadata().is_ok_and(|file| file.len() > 0);
+    let missing = outputs.iter().map(|output| output["name"].as_str().unwrap());
+    let missing: Vec<&str> = missing.filter(|name| !written(name)).collect();
+    if outputs.is_empty() || !missing.is_empty() {
+        return Err(format!("{name}: {} outputs, without {missing:?}", outputs.len()));
+    }
+    Ok(())
+}
+
+/// Those that must be refused are in `tests/engine/graph_files.rs`.
+#[test]
+fn the_graphs_of_the_design_run_as_they_stand() {
+    let Some(folder) = beside("graphs") else { return };
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut graphs: Vec<PathBuf> =
+        files.filter(|path| path.extension().is_some_and(|extension| extension == "ron")).collect();
+    graphs.sort();
+    assert!(graphs.len() >= 10, "only {} graphs were run", graphs.len());
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let graphs = std::iter::from_fn(|| graphs.get(next.fetch_add(1, Ordering::Relaxed)));
+        graphs.filter_map(|graph| run(graph).err()).collect::<Vec<_>>()
+    };
+    let workers = thread::available_parallelism().map_or(1, NonZero::get);
+    let failures = thread::scope(|scope| {
+        let workers = (0..workers).map(|_| scope.spawn(worker)).collect::<Vec<_>>();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect::<Vec<_>>()
+    });
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
