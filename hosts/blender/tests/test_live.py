@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import mmap
 import os
 import pathlib
 import resource
@@ -341,28 +342,43 @@ def test_2_no_look_takes_5_ms_or_waits_while_a_graph_is_computed_for_5_s(empty: 
     assert took >= 5 and len(looks) > 200 and longest <= 0.005 and waits == 0, (took, len(looks), longest, waits)
 
 
-def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_150_ms(doll: bpy.types.Object) -> None:
+def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_few_copies(doll: bpy.types.Object) -> None:
     apply, live = module("apply"), module("live")
-    spent: dict[bool, list[float]] = {True: [], False: []}
+    spent: dict[str, list[float]] = {"whole": [], "moved": [], "copied": []}
 
-    def timed(mesh: Any, told: Any, folder: Any) -> None:
-        for is_new in (True, True, True, False, False):
-            if is_new:
-                del mesh[apply.FACES]
-            before = time.thread_time()
-            apply.apply(mesh, told, folder)
-            spent[is_new].append((time.thread_time() - before) * 1_500_000 / len(mesh.polygons))
+    def timed(what: str, does: Callable[[], None]) -> None:
+        """The time of this thread, whatever else the machine does."""
+        before = time.thread_time()
+        does()
+        spent[what].append(time.thread_time() - before)
 
-    live.apply = types.SimpleNamespace(**{**vars(apply), "apply": timed})
+    def measured(mesh: Any, told: Any, folder: Any) -> None:
+        columns = apply.Columns(told, folder)
+
+        def copy() -> None:
+            for column in told["columns"]:
+                array = columns.numbers(column)
+                # Pages that the system has to clear first, as those of a new mesh.
+                np.copyto(np.frombuffer(mmap.mmap(-1, array.nbytes), array.dtype, array.size), array)
+
+        for _ in range(8):
+            timed("copied", copy)
+            del mesh[apply.FACES]
+            timed("whole", lambda: apply.apply(mesh, told, folder))
+            timed("moved", lambda: apply.apply(mesh, told, folder))
+
+    live.apply = types.SimpleNamespace(**{**vars(apply), "apply": measured})
     try:
         doll["maquette levels"] = 3
         until(lambda: doll.maquette.values and settled(doll))
     finally:
         live.apply = apply
     assert len(doll.data.polygons) > 1_500_000
-    whole, moved = min(spent[True]), min(spent[False])
-    print(f"1.5 million triangles: {whole * 1e3:.0f} ms, positions alone {moved * 1e3:.1f} ms")
-    assert whole <= 0.15 and moved <= 0.02, spent
+    least = {what: min(its) for what, its in spent.items()}
+    print("1.5 million triangles:", ", ".join(f"{what} {its * 1e3:.1f} ms" for what, its in least.items()))
+    # Blender clears each array (one), fills it (two), and makes what it keeps beside them: the starts of faces, and what it looks up (three).
+    # Where only positions differ, an eighth of the bytes are written and the others are compared.
+    assert least["whole"] <= 3 * least["copied"] and least["moved"] <= least["copied"] / 2, spent
 
 
 def test_4_a_killed_engine_leaves_the_scene_whole_and_a_new_one_goes_on(doll: bpy.types.Object) -> None:

@@ -393,7 +393,7 @@ def test_11_a_new_node_says_what_it_needs_and_why_it_was_refused(tree: bpy.types
     tree.links.new(named(tree, "scan").outputs["color"], tree.nodes[name].inputs["image"])
     until(lambda: "say select" in tree.nodes[name].maquette_problem)
     tree.nodes[name]["field select"] = 'Near(colour: "#ff0000")'
-    until(lambda: "needs a field `color`" in tree.nodes[name].maquette_problem)
+    until(lambda: "Near has no field `colour`" in tree.nodes[name].maquette_problem)
     assert path.read_text() == text
     # While it stands there, what somebody else does to the file is seen all the same.
     text = text.replace('"spots"', '"patches"')
