@@ -173,6 +173,40 @@ impl GraphFile<'_> {
         if is_same { Ok(()) } else { Err(EditError::Changed(self.graph.to_owned())) }
     }
 
+    /// A text with the changes that others made to other versions of it, each given as the text before and after it.
+    pub(super) fn merged(
+        &self,
+        text: String,
+        theirs: Vec<[String; 2]>,
+        catalog: &Catalog,
+    ) -> Result<String, EditError> {
+        // A change that continues the previous one is part of it: what was written and taken back is no change.
+        let mut changes: Vec<[String; 2]> = Vec::new();
+        for [before, after] in theirs {
+            match changes.last_mut() {
+                Some(last) if last[1] == before => last[1] = after,
+                _ => changes.push([before, after]),
+            }
+        }
+        let mut text = text;
+        for [before, after] in changes {
+            if before == after {
+                continue;
+            }
+            let source = |text| Source { name: self.graph.to_owned(), text };
+            let [base, ours, theirs] = [before, text, after].map(source);
+            let merge = Graph::merge(self.graph, [&base, &ours, &theirs], catalog);
+            if !merge.conflicts.is_empty() {
+                return Err(EditError::Conflict(merge.conflicts));
+            }
+            if !merge.problems.is_empty() {
+                return Err(EditError::Refused(merge.problems));
+            }
+            text = merge.text;
+        }
+        Ok(text)
+    }
+
     /// Prints what an edit changes of what the graph says, or of its lines if nothing is written.
     pub(super) fn tell(&self, edited: Edited, catalog: &Catalog) {
         if self.dry_run {
@@ -203,6 +237,9 @@ pub(super) enum EditError {
     Write(PathBuf, std::io::Error),
     #[error("{} has been changed meanwhile; load it again", .0.display())]
     Changed(PathBuf),
+    /// Somebody else changed the same places, differently.
+    #[error("somebody else changed {}, too; the file is left as it is", in_list(.0))]
+    Conflict(Vec<String>),
     /// The edits would leave mistakes.
     #[error("{}", in_words(.0))]
     Refused(Vec<Problem>),
@@ -216,6 +253,14 @@ impl EditError {
             error => eprint(&format!("error: {error}\n")),
         }
     }
+}
+
+/// Places in a text, as a list in words.
+fn in_list(places: &[String]) -> String {
+    let place = |place: &String| {
+        if place.is_empty() { "the same lines".into() } else { format!("`{place}`") }
+    };
+    Vec::from_iter(places.iter().map(place)).join(", ")
 }
 
 fn in_words(problems: &[Problem]) -> String {

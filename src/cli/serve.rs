@@ -148,7 +148,7 @@ impl Server<'_> {
                 layout.keep(&graph).map(|()| json!({})).map_err(Refused::from)
             }
             Ok(Wish::Edit(wish)) => self.edit(&wish),
-            Ok(Wish::Put { graph, was, text }) => put(&graph, was, text),
+            Ok(Wish::Put { graph, was, text, theirs }) => self.put(&graph, was, text, theirs),
             Ok(Wish::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
                 Some(token) => {
                     token.cancel();
@@ -232,20 +232,30 @@ impl Server<'_> {
         let file = GraphFile { graph, roots, draft: false, dry_run: *dry };
         told_edit(file.done(edits, self.catalog))
     }
-}
 
-/// Puts a text in place of another one.
-fn put(graph: &Path, was: String, text: String) -> Result<Json, Refused> {
-    let file = GraphFile { graph, roots: &[], draft: false, dry_run: false };
-    told_edit(file.turn().and_then(|_turn| {
-        let found = plain::read_text(graph);
-        let found = found.map_err(|error| EditError::Read(graph.to_owned(), error))?;
-        if found != was {
-            return Err(EditError::Changed(graph.to_owned()));
-        }
-        let edited = Edited { text, before: was, changes: Vec::new() };
-        file.write(&edited).map(|()| edited)
-    }))
+    /// Replaces the text of a file, which must be `was`. If `theirs` is given, the file may differ: what others changed is merged into the text.
+    fn put(
+        &self,
+        graph: &Path,
+        was: String,
+        text: String,
+        theirs: Option<Vec<[String; 2]>>,
+    ) -> Result<Json, Refused> {
+        let file = GraphFile { graph, roots: &[], draft: false, dry_run: false };
+        told_edit(file.turn().and_then(|_turn| {
+            let before = file.text()?;
+            let text = match theirs {
+                Some(mut theirs) => {
+                    theirs.push([was, before.clone()]);
+                    file.merged(text, theirs, self.catalog)?
+                }
+                None if before == was => text,
+                None => return Err(EditError::Changed(graph.to_owned())),
+            };
+            let edited = Edited { text, before, changes: Vec::new() };
+            file.write(&edited).map(|()| edited)
+        }))
+    }
 }
 
 fn told_edit(edited: Result<Edited, EditError>) -> Result<Json, Refused> {

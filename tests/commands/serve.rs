@@ -498,3 +498,50 @@ fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     assert_eq!(text(), FINE);
     assert!(Path::new(&host.folder).exists());
 }
+
+#[test]
+fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_after_it() {
+    let project = Project::new(FINE);
+    let mut host = Host::of(&project);
+    let text = || fs::read_to_string(project.graph()).unwrap();
+    let write = |old: &str, new: &str| {
+        let (before, after) = (text(), text().replace(old, new));
+        assert_ne!(before, after);
+        fs::write(project.graph(), &after).unwrap();
+        (before, after)
+    };
+    let rename = json!([{ "rename": { "from": "fine", "to": "first" } }]);
+    let own = host.ask("edit", json!({ "graph": "doll.ron", "edits": rename }));
+    let theirs = write("Graph(", "// Theirs.\nGraph(");
+    // A change that the host has not seen yet.
+    let unseen = write("format: 1,", "format: 1, doc: \"Also theirs.\",");
+    let undo =
+        json!({ "graph": "doll.ron", "was": theirs.1, "text": own["before"], "theirs": [theirs] });
+    let done = host.ask("put", undo);
+    let both = |text: &str| text.starts_with("// Theirs.") && text.contains("Also theirs.");
+    assert!(
+        both(&text()) && text().contains("\"fine\"") && !text().contains("\"first\""),
+        "{}",
+        text()
+    );
+    assert_eq!((&done["text"], &done["before"]), (&text().into(), &unseen.1.clone().into()));
+    // Redone, and nothing of theirs is gone.
+    let redo = json!({ "graph": "doll.ron", "was": text(), "text": own["text"], "theirs": [theirs, unseen] });
+    host.ask("put", redo);
+    assert_eq!(text(), unseen.1);
+}
+
+#[test]
+fn an_undo_of_what_somebody_else_has_changed_again_is_refused_and_writes_nothing() {
+    let project = Project::new(FINE);
+    let mut host = Host::of(&project);
+    let rename = |to: &str| json!({ "graph": "doll.ron", "edits": [{ "rename": { "from": "fine", "to": to } }] });
+    let own = host.ask("edit", rename("first"));
+    let theirs = own["text"].as_str().unwrap().replace("\"first\"", "\"second\"");
+    fs::write(project.graph(), &theirs).unwrap();
+    let undo =
+        json!({ "graph": "doll.ron", "was": own["text"], "text": own["before"], "theirs": [] });
+    let why = host.refused("put", undo);
+    assert!(why.contains("somebody else changed") && why.contains("left as it is"), "{why}");
+    assert_eq!(fs::read_to_string(project.graph()).unwrap(), theirs);
+}

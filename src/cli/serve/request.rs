@@ -42,9 +42,11 @@ pub(super) enum Wish {
     /// A text in place of another one: who knows what an edit found and left can take it back.
     Put {
         graph: PathBuf,
-        /// What must stand in the file.
+        /// The text that is expected in the file.
         was: String,
         text: String,
+        /// What others changed since the file had `text`, in order: the text before and after each change. All of it is kept.
+        theirs: Option<Vec<[String; 2]>>,
     },
     /// Why a node would run, or why not.
     Why {
