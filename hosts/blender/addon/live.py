@@ -97,6 +97,8 @@ class State:
         # Why objects cannot be given, by the inputs' names.
         self.unfit: dict[str, str] = {}
         self.runs = 0
+        # An undo or a redo has replaced the object since the last look.
+        self.undone = False
 
 
 states: dict[int, State] = {}
@@ -185,6 +187,11 @@ def tick() -> None:
         if it.loaded is None:
             _load(owner, it)
             continue
+        if it.undone:
+            # The step may have been taken before the graph was read: then the object lacks its widgets, inputs and output.
+            it.undone = False
+            if it.loaded["ok"]:
+                _arrange(owner, it)
         _run(owner, it)
 
 
@@ -548,7 +555,7 @@ def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
 def _undone(*_given: Any) -> None:
     """Meshes may be what they were: what is shown is asked for again."""
     for it in states.values():
-        it.answered = None
+        it.answered, it.undone = None, True
 
 
 @persistent

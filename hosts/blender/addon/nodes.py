@@ -42,6 +42,7 @@ class MaquetteTree(bpy.types.NodeTree):
         name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
     )
     maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
+    maquette_changes: bpy.props.IntProperty(description="The number of others' changes that the text has")  # type: ignore[valid-type]
 
     def update(self) -> None:
         """Something may have been changed: it is looked at with the next look."""

@@ -16,6 +16,7 @@ from bpy.app.handlers import persistent
 
 from . import edits, engine, live, mirror, nodes
 from .client import Answer
+from .history import History
 
 # What is known of a graph of which nothing is known.
 NOTHING: dict[str, Any] = {"nodes": [], "inputs": [], "params": [], "outputs": [], "types": [], "places": None}
@@ -30,8 +31,13 @@ class State:
         self.fields: dict[str, dict[str, str]] = {}
         # What its nodes had when they were last found to be as the text has them.
         self.looked_at: dict[str, tuple[Any, ...]] = {}
-        # What stands in the file, as far as is known.
-        self.text = ""
+        # The file, its text as far as is known, and what others changed in it.
+        self.path = ""
+        self.history = History()
+        # An undo or a redo has replaced the tree since the last look.
+        self.undone = False
+        # True if the tree shows the whole text, apart from what the user changed since; false while it lacks a change of somebody else.
+        self.is_complete = True
         # The files that say what is shown: the graph's, those that it uses, and the layout's.
         self.stamps: dict[str, float | None] = {}
         # The folders that it may read beside its project's, as they were when it was read.
@@ -39,7 +45,7 @@ class State:
         self.busy = False
         # Whether the next look is at fields, or at places.
         self.turn = False
-        # What the tree shows beyond its text is kept: an undo brought both back, or the user was quicker than the engine.
+        # What the tree shows beyond its text is kept: the user was quicker than the engine.
         self.keeps = False
         # What was shown when the last edit was done, until the text is read again.
         self.edited: edits.Shown | None = None
@@ -50,12 +56,13 @@ class State:
         self.seen: dict[str, mirror.Spot] = {}
         self.has_layout = self.wants_layout = False
         self.message = ""
+        # What the last undo has to report; it is shown until the next edit.
+        self.notice = ""
         self.problems: list[dict[str, Any]] = []
 
 
 states: dict[Any, State] = {}
 changed: set[Any] = set()
-_undone = False
 _looked = 0.0
 _asked = False
 
@@ -97,9 +104,9 @@ def shown(tree: bpy.types.NodeTree) -> tuple[edits.Shown, list[str]]:
 
 def tick() -> None:
     """Goes on with all trees."""
-    global _undone, _looked, _asked
-    known = trees()
-    if not known or engine.ended():
+    global _looked, _asked
+    found = trees()
+    if not found or engine.ended():
         return
     if not nodes.kinds:
         if not _asked:
@@ -109,19 +116,26 @@ def tick() -> None:
     looks = time.monotonic() - _looked > live.LOOK
     if looks:
         _looked = time.monotonic()
-    undone, _undone = _undone, False
-    for tree in known:
+    for tree in found:
         state = states.setdefault(key(tree), State())
         if state.busy:
-            _undone = _undone or undone
             continue
+        undone, state.undone = state.undone, False
+        if undone and not tree.maquette_text:
+            # The step was taken before the graph was read for the first time.
+            state.outline = None
         path = bpy.path.abspath(tree.maquette_graph)
+        if path != state.path:
+            state.path, state.history = path, History()
+            state.outline, state.edited, state.keeps = None, None, False
         is_read = state.outline is not None and path in state.stamps and state.roots == engine.roots()
-        if state.outline is not None and key(tree) in changed and tree.maquette_text == state.text:
+        if state.outline is not None and key(tree) in changed and tree.maquette_text == state.history.text:
             mirror.adopt(tree, state.outline)
-        if undone and state.outline is not None and tree.maquette_text and tree.maquette_text != state.text:
-            _put(tree, state, path)
-        elif not is_read or (looks and any(live.stamp(it) != was for it, was in state.stamps.items())):
+        known = state.history
+        is_known = (tree.maquette_text, tree.maquette_changes) == (known.text, known.count)
+        if undone and known.text is not None and tree.maquette_text and not is_known:
+            _undo(tree, state, path)
+        elif not is_read or state.edited is not None or (looks and any(live.stamp(it) != was for it, was in state.stamps.items())):
             _read(tree, state, path)
         elif key(tree) in changed or (looks and state.turn and _is_touched(tree, state)):
             changed.discard(key(tree))
@@ -166,13 +180,21 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
 
     def then(tree: bpy.types.NodeTree, answer: Answer) -> None:
         were, state.stamps = state.stamps, stamps
-        state.message = answer.why
+        state.message = answer.why or state.notice
+        if state.undone:
+            # The tree is another one now: it is compared with the file first.
+            state.stamps = {path: None}
+            return
+        edited, state.edited = state.edited, None
         if not answer.ok:
             state.outline = state.outline or NOTHING
             return
-        edited, state.edited = state.edited, None
         if edited is not None:
             state.keeps |= not edits.is_same(edited, shown(tree)[0])
+            if state.keeps and not (state.is_complete and answer["text"] == state.history.text):
+                # The tree lacks a change of somebody else: compared with the file, it would take that back.
+                state.keeps = False
+                state.notice = "somebody else changed the file at the same moment; your last change was not written, make it again"
         elif state.outline is not None and not state.keeps and edits.difference(state.outline, _wished(tree, state))[0]:
             # What the user has changed meanwhile goes into the file first; then this is asked for again.
             state.stamps = {path: None}
@@ -189,12 +211,14 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         nodes.learn(outline["types"], "pack")
         kept = mirror.of_layout(answer.get("layout"))
         state.has_layout = bool(kept)
-        state.message = answer.get("layout_why", "")
-        is_foreign = bool(tree.maquette_text) and tree.maquette_text != answer["text"] and state.outline is not None
-        state.outline, state.text = outline, answer["text"]
-        state.looked_at = {}
-        state.fields = {it.name: it.fields for it in edits.shown(outline).nodes}
-        tree.maquette_text = answer["text"]
+        state.message = answer.get("layout_why", "") or state.notice
+        is_first, is_new = state.history.text is None, not tree.maquette_text
+        if is_first:
+            # What was written to the file since the tree was saved is a change of others.
+            state.history.begin(tree.maquette_text or answer["text"], tree.maquette_changes)
+        state.history.learn(answer["text"], answer["text"])
+        _know(state, outline)
+        _has_text(tree, state)
         if state.keeps:
             state.keeps = False
             changed.add(key(tree))
@@ -202,12 +226,13 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         state.wants_layout |= mirror.have_moved(state.stood, mirror.spots(tree))
         _rebuild(tree, state, kept)
         if were.get(_layout(path)) != stamps[_layout(path)]:
-            for name, node in mirror.boxes(tree).items():
-                if name in kept and mirror.have_moved({name: kept[name]}, {name: mirror.spot(node)}):
-                    mirror.put(node, kept[name])
-        state.stood = mirror.spots(tree)
-        if is_foreign:
-            _push("Graph file changed")
+            moved = _place(tree, kept)
+            if moved and not is_first:
+                state.history.moved(moved)
+                _has_text(tree, state)
+        state.stood, state.is_complete = mirror.spots(tree), True
+        if is_first and is_new:
+            _push("Graph Shown")
 
     _ask(state, key(tree), "outline", then, graph=path, roots=state.roots)
 
@@ -217,8 +242,29 @@ def _rebuild(tree: bpy.types.NodeTree, state: State, kept: dict[str, mirror.Spot
     changed.discard(key(tree))
 
 
+def _know(state: State, outline: dict[str, Any]) -> None:
+    """From now on the tree is compared with this outline."""
+    state.outline, state.looked_at = outline, {}
+    state.fields = {it.name: it.fields for it in edits.shown(outline).nodes}
+
+
+def _place(tree: bpy.types.NodeTree, spots: dict[str, mirror.Spot]) -> dict[str, mirror.Spot]:
+    """Moves nodes to these positions; returns the positions of those that were elsewhere."""
+    moved = {}
+    for name, node in mirror.boxes(tree).items():
+        if name in spots and mirror.have_moved({name: spots[name]}, {name: mirror.spot(node)}):
+            mirror.put(node, spots[name])
+            moved[name] = spots[name]
+    return moved
+
+
+def _has_text(tree: bpy.types.NodeTree, state: State) -> None:
+    """The text of the tree is that of the file."""
+    tree.maquette_text, tree.maquette_changes = state.history.text, state.history.count
+
+
 def _push(message: str) -> None:
-    """An undo step: without it the next undo of a user would take a change of the file along."""
+    """Takes an undo step. Without one for the tree as it is first shown, the first undo would leave an empty tree, or none."""
     try:
         bpy.ops.ed.undo_push(message=message)
     except RuntimeError:
@@ -226,16 +272,54 @@ def _push(message: str) -> None:
         pass
 
 
-def _put(tree: bpy.types.NodeTree, state: State, path: str) -> None:
-    """After an undo the file has to say what the tree says, if nobody else has changed it."""
+def _undo(tree: bpy.types.NodeTree, state: State, path: str) -> None:
+    """After an undo or a redo the file gets the text that the tree has again, with all that others changed since.
 
-    def then(_tree: bpy.types.NodeTree, answer: Answer) -> None:
-        state.outline, state.keeps = None, answer.ok
+    If that is impossible, the file is left as it is, and the tree shows it.
+    """
+    uid, text, was = key(tree), tree.maquette_text, state.history.text
+    later = state.history.since(tree.maquette_changes)
+    state.notice = ""
+
+    def refuse(why: str) -> None:
+        state.notice = state.message = f"not undone: {why}"
+        state.outline = state.edited = None
+        state.keeps = False
+
+    if later is None:
+        refuse("the step is older than what is known of the file; the file is left as it is")
+        return
+
+    def outlined(_tree: bpy.types.NodeTree, answer: Answer) -> None:
+        # A second undo while this one is at work replaces it.
+        if state.undone:
+            return
+        outline = answer.get("outline")
+        if outline is None:
+            refuse(answer.why or "the text of that step cannot be read; the file is left as it is")
+            return
+        theirs = [(it.before, it.after) for it in later if it.before != it.after]
+        _ask(state, uid, "put", lambda tree, answer: put(tree, answer, outline), graph=path, was=was, text=text, theirs=theirs)
+
+    def put(tree: bpy.types.NodeTree, answer: Answer, outline: dict[str, Any]) -> None:
+        state.stamps = {path: None}
+        if answer.ok:
+            state.history.learn(answer["before"], answer["text"])
+        if state.undone:
+            return
+        for change in later:
+            _place(tree, change.spots)
         if not answer.ok:
-            state.message = answer.why
+            refuse(answer.why)
+            return
+        if answer["text"] not in (answer["before"], text):
+            state.notice = "undone, and what others changed in the file was kept"
+        # The tree shows the text of its step, and maybe what the user did in that step: this is written next, and then the file is read.
+        _know(state, outline)
+        _has_text(tree, state)
+        state.edited, state.keeps, state.is_complete = None, False, answer["text"] == text
 
-    # What the file says now is read again, and with it what the tree shows beyond its text.
-    _ask(state, key(tree), "put", then, graph=path, was=state.text, text=tree.maquette_text)
+    _ask(state, uid, "outline", outlined, graph=path, roots=engine.roots(), text=text)
 
 
 def _wished(tree: bpy.types.NodeTree, state: State) -> edits.Shown:
@@ -263,13 +347,23 @@ def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     renamed = {node.name: node.title for node in now.nodes if node.name and node.title != node.name}
 
     def then(tree: bpy.types.NodeTree, answer: Answer) -> None:
+        if state.undone and not answer.ok:
+            return
         if not answer.ok:
             words = answer.problems[0]["message"] if answer.problems else answer.why
             state.message = words
+            if not state.is_complete:
+                # The file is read next.
+                state.notice = words
             state.refused = [*state.refused, *new]
             _refuse(tree, state, words, changes, [names[id(node)] for node in new])
             return
-        state.message, state.stamps[path] = "", None
+        state.message, state.notice, state.stamps[path] = "", "", None
+        state.is_complete &= answer["before"] == state.history.text
+        state.history.learn(answer["before"], answer["text"])
+        if state.undone:
+            # The tree is another one now: the file is made what that one shows.
+            return
         state.keeps |= not edits.is_same(everything, shown(tree)[0])
         given = [it["add"]["name"] for it in changes if "add" in it]
         for node, name in zip(new, given):
@@ -281,7 +375,7 @@ def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
             own = getattr(node, "maquette_name", "")
             if own in renamed:
                 node.maquette_name = renamed[own]
-        state.text = tree.maquette_text = answer["text"]
+        _has_text(tree, state)
         state.edited = shown(tree)[0]
         # Where a new node stands is the user's wish; and a name that is another one is another one there, too.
         state.wants_layout |= bool(given) or (bool(renamed) and state.has_layout)
@@ -351,9 +445,9 @@ def _hear(tree: bpy.types.NodeTree) -> None:
 
 @persistent
 def _after_undo(*_given: Any) -> None:
-    global _undone
-    _undone = True
-    changed.update(key(it) for it in trees())
+    for tree in trees():
+        states.setdefault(key(tree), State()).undone = True
+        changed.add(key(tree))
 
 
 @persistent

@@ -215,6 +215,24 @@ def test_a_mesh_that_is_edited_by_hand_waits_and_then_is_the_graphs_again(doll: 
     assert len(own.vertices) == 1 and np.abs(positions(doll) - first).max() > 10
 
 
+def test_an_undo_to_a_step_before_the_result_brings_the_result_back(empty: Any, folder: pathlib.Path) -> None:
+    bpy.ops.ed.undo_push(message="begin")
+    assert bpy.ops.maquette.add(filepath=str(folder / "doll.ron")) == {"FINISHED"}
+    # As Blender does behind the operator, before anything is computed.
+    bpy.ops.ed.undo_push(message="Maquette Graph")
+    owner = bpy.data.objects["doll"]
+    until(lambda: owner.maquette.shown and settled(owner))
+    first, output = positions(owner).copy(), owner.maquette.output
+    owner.location.x = 1
+    bpy.ops.ed.undo_push(message="Move")
+    for walk, x in ((bpy.ops.ed.undo, 0), (bpy.ops.ed.redo, 1)):
+        assert walk() == {"FINISHED"}
+        owner = bpy.data.objects["doll"]
+        until(lambda: settled(owner) and len(owner.data.vertices))
+        assert owner.location.x == x and owner.maquette.output == output and (positions(owner) == first).all()
+        assert {"maquette growth", "maquette levels"} <= set(owner.keys()) and not module("live").state(owner).message
+
+
 def test_10_a_value_that_nobody_touched_is_not_written(doll: bpy.types.Object, folder: pathlib.Path) -> None:
     text = (folder / "doll.ron").read_text()
     (folder / "doll.ron").write_text(text.replace("default: 12.0", "default: 12.1"))

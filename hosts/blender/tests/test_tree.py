@@ -29,7 +29,7 @@ def why(tree: bpy.types.NodeTree) -> Any:
     if not state or not state.outline:
         return (tree.maquette_graph, "nothing is known")
     edits, _ = module("edits").difference(state.outline, code.shown(tree)[0])
-    waits = {"busy": state.busy, "changed": code.key(tree) in code.changed, "text": state.text != tree.maquette_text}
+    waits = {"busy": state.busy, "changed": code.key(tree) in code.changed, "text": state.history.text != tree.maquette_text}
     return (tree.maquette_graph, state.message, edits, waits) if edits or any(waits.values()) else None
 
 
@@ -37,7 +37,7 @@ def is_settled(tree: bpy.types.NodeTree, path: pathlib.Path) -> bool:
     """Whether the tree shows what stands in the file."""
     code, text = module("tree"), path.read_text()
     state = code.states.get(code.key(tree))
-    if not state or not state.outline or state.busy or state.text != text or tree.maquette_text != text or code._undone:
+    if not state or not state.outline or state.busy or state.history.text != text or tree.maquette_text != text or state.undone:
         return False
     edits, _ = module("edits").difference(state.outline, code.shown(tree)[0])
     return state.stamps.get(str(path)) == path.stat().st_mtime_ns and not edits and code.key(tree) not in code.changed
@@ -321,6 +321,165 @@ def places(tree: bpy.types.NodeTree) -> dict[str, tuple[float, float]]:
 def moved(were: Any, now: Any) -> set[str]:
     """The nodes that stand elsewhere."""
     return {name for name in were if module("mirror").have_moved({name: were[name]}, now)}
+
+
+def push(message: str) -> None:
+    """An undo step, as Blender takes one behind each operator of the user."""
+    bpy.ops.ed.undo_push(message=message)
+
+
+def rename(path: pathlib.Path, old: str, new: str) -> None:
+    """A step of the user: a node is renamed, and the file says so."""
+    named(bpy.data.node_groups["doll"], old).label = new
+    push(f"rename {old}")
+    until(lambda: f'"{new}":' in path.read_text() and is_settled(bpy.data.node_groups["doll"], path))
+
+
+def theirs(path: pathlib.Path, old: str, new: str) -> None:
+    """Somebody else changes the file, and the tree shows it."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    until(lambda: is_settled(bpy.data.node_groups["doll"], path))
+
+
+def undo(path: pathlib.Path) -> str:
+    """One undo; returns what is in the file when the tree shows it."""
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    until(lambda: is_settled(bpy.data.node_groups["doll"], path))
+    return path.read_text()
+
+
+def redo(path: pathlib.Path) -> str:
+    """One redo; returns what is in the file when the tree shows it."""
+    assert bpy.ops.ed.redo() == {"FINISHED"}
+    until(lambda: is_settled(bpy.data.node_groups["doll"], path))
+    return path.read_text()
+
+
+def notice() -> str:
+    """What the tree of the doll reports."""
+    code = module("tree")
+    return code.states[code.key(bpy.data.node_groups["doll"])].message
+
+
+@pytest.mark.usefixtures("tree")
+@pytest.mark.parametrize("order", ["mine theirs", "theirs mine", "theirs mine theirs", "mine theirs mine theirs"])
+def test_an_undo_takes_back_ones_own_step_and_keeps_what_others_wrote(path: pathlib.Path, order: str) -> None:
+    first = path.read_text()
+    others = [("default: 12.0", "default: 17.0"), ('"knots-u"', '"theirs"')]
+    own = [("skin", "mine"), ("raised", "mine-too")]
+    wanted, count = first, 0
+    push("begin")
+    for who in order.split():
+        if who == "mine":
+            rename(path, *own.pop(0))
+            count += 1
+        else:
+            old, new = others.pop(0)
+            theirs(path, old, new)
+            wanted = wanted.replace(old, new)
+    last = path.read_text()
+    for _ in range(count):
+        undo(path)
+    assert path.read_text() == wanted
+    for _ in range(count):
+        redo(path)
+    assert path.read_text() == last
+
+
+@pytest.mark.usefixtures("tree")
+def test_an_undo_of_something_else_leaves_the_file_alone(path: pathlib.Path) -> None:
+    bpy.context.collection.objects.link(bpy.data.objects.new("elsewhere", None))
+    push("begin")
+    bpy.data.objects["elsewhere"].location.x = 1
+    push("move")
+    theirs(path, "default: 12.0", "default: 17.0")
+    text, stamp = path.read_text(), path.stat().st_mtime_ns
+    assert undo(path) == text and path.stat().st_mtime_ns == stamp
+    assert bpy.data.objects["elsewhere"].location.x == 0 and not notice()
+    assert redo(path) == text and bpy.data.objects["elsewhere"].location.x == 1
+
+
+@pytest.mark.usefixtures("tree")
+def test_an_undo_that_comes_before_a_change_of_the_file_is_seen_keeps_it(path: pathlib.Path) -> None:
+    push("begin")
+    rename(path, "skin", "mine")
+    path.write_text(path.read_text().replace("default: 12.0", "default: 17.0"))
+    text = undo(path)
+    assert "default: 17.0" in text and '"skin":' in text and "mine" not in text
+    assert "kept" in notice()
+
+
+@pytest.mark.usefixtures("tree")
+def test_an_undo_of_what_somebody_else_has_changed_too_is_refused_with_the_reason(path: pathlib.Path) -> None:
+    push("begin")
+    rename(path, "skin", "mine")
+    theirs(path, '"mine"', '"theirs"')
+    text = path.read_text()
+    assert undo(path) == text and "not undone: somebody else changed" in notice()
+    # The tree shows the file, and goes on.
+    assert named(bpy.data.node_groups["doll"], "theirs").label == "theirs"
+    rename(path, "raised", "higher")
+    assert path.read_text() == text.replace('"raised"', '"higher"') and not notice()
+
+
+@pytest.mark.usefixtures("tree")
+def test_the_first_undo_in_a_new_tree_leaves_it_whole(path: pathlib.Path) -> None:
+    text = path.read_text()
+    rename(path, "skin", "mine")
+    assert undo(path) == text and len(bpy.data.node_groups["doll"].nodes) > 10
+    assert '"mine"' in redo(path)
+
+
+@pytest.mark.usefixtures("tree")
+def test_the_first_undo_after_a_file_was_opened_keeps_what_was_written_since_it_was_saved(path: pathlib.Path) -> None:
+    theirs(path, '"knots-u"', '"theirs"')
+    saved = str(path.with_name("saved.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=saved)
+    text = path.read_text().replace("default: 12.0", "default: 17.0")
+    path.write_text(text)
+    bpy.ops.wm.open_mainfile(filepath=saved)
+    until(lambda: is_settled(bpy.data.node_groups["doll"], path))
+    push("begin")
+    rename(path, "skin", "mine")
+    assert undo(path) == text
+
+
+@pytest.mark.usefixtures("tree")
+def test_an_undo_right_behind_a_step_loses_no_change_of_others(path: pathlib.Path) -> None:
+    text = path.read_text()
+    push("begin")
+    named(bpy.data.node_groups["doll"], "skin").label = "mine"
+    push("rename")
+    path.write_text(text.replace("default: 12.0", "default: 17.0"))
+    # The edit is under way, or not even sent.
+    for looks in (0, 1, 3, 10):
+        for _ in range(looks):
+            module("engine").poll()
+        assert undo(path) == text.replace("default: 12.0", "default: 17.0")
+        bpy.ops.ed.redo()
+    until(lambda: '"mine"' in path.read_text() and is_settled(bpy.data.node_groups["doll"], path))
+    assert "default: 17.0" in path.read_text()
+
+
+@pytest.mark.usefixtures("tree")
+def test_an_undo_leaves_nodes_where_somebody_else_put_them(path: pathlib.Path) -> None:
+    kept = path.with_suffix(".layout.ron")
+    named(bpy.data.node_groups["doll"], "skin").location.x += 500
+    until(lambda: kept.exists() and is_settled(bpy.data.node_groups["doll"], path))
+    push("begin")
+    rename(path, "raised", "higher")
+    before = places(bpy.data.node_groups["doll"])
+    until(lambda: '"higher"' in kept.read_text() and is_settled(bpy.data.node_groups["doll"], path))
+    kept.write_text(kept.read_text().replace('"red": (', '"red": (1'))
+    until(lambda: moved(before, places(bpy.data.node_groups["doll"])) == {"red"})
+    red = places(bpy.data.node_groups["doll"])["red"]
+    undo(path)
+    for _ in range(300):
+        module("engine").poll()
+        time.sleep(0.002)
+    assert not moved({"red": red}, places(bpy.data.node_groups["doll"])) and '"red": (1' in kept.read_text()
 
 
 def test_where_nodes_are_put_is_kept_beside_the_graph_and_changes_nothing(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
