@@ -65,19 +65,19 @@ pub(crate) fn comment_of_ply(words: &str) -> String {
 /// Begins each line of `comment_of_ply`.
 const COMMENT: &str = "comment maquette ";
 
-/// The length of one line of `comment_of_ply` without its newline, in bytes. rply, the reader of Open3D and CloudCompare, refuses lines
-/// of more than 1024.
-const MAX_COMMENT: usize = 255;
+/// The maximum length of one line of `comment_of_ply` in bytes, without the at most 63 spaces at the end of the last one. rply, the reader of
+/// Open3D and CloudCompare, refuses lines of more than 1024.
+const MAX_COMMENT: usize = 192;
 
 /// The number of bytes of the ASCII text that go into the next line. A line neither begins nor ends with a blank, which other programs
 /// may drop.
 fn end_of_line(text: &str) -> usize {
-    let most = MAX_COMMENT - COMMENT.len();
-    if text.len() <= most {
+    let max = MAX_COMMENT - COMMENT.len();
+    if text.len() <= max {
         return text.len();
     }
     let is_blank = |at: usize| text.as_bytes()[at] == b' ';
-    (1..=most).rev().find(|&end| !is_blank(end - 1) && !is_blank(end)).unwrap_or(most)
+    (1..=max).rev().find(|&end| !is_blank(end - 1) && !is_blank(end)).unwrap_or(max)
 }
 
 /// The first line of an OBJ or MTL file that tells these words.
@@ -370,7 +370,7 @@ mod tests {
         sign("ply", &mut bytes, &Signature { words: words.clone(), hash: String::new() });
         let text = str::from_utf8(&bytes).unwrap();
         assert!(text.starts_with("ply\ncomment other\nformat ascii 1.0\ncomment maquette {"));
-        assert!(text.lines().all(|line| line.len() <= MAX_COMMENT), "{text}");
+        assert!(text.lines().all(|line| line.len() <= 255), "{text}");
         // As programs may give it back that drop blanks at the end.
         let trimmed: String = text.lines().map(|line| format!("{}\r\n", line.trim_end())).collect();
         for text in [text, &trimmed] {
