@@ -36,12 +36,15 @@ impl FileFormat for MeshPly {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        let is_known_here_alone = corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3);
-        let unread = is_known_here_alone.then(|| {
-            "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
-             where MeshLab refuses them; write GLB or OBJ"
-        });
-        coarse_mesh(mesh).into_iter().chain(unread.map(str::to_owned)).collect()
+        let mut doubts = Vec::from_iter(coarse_mesh(mesh));
+        if corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3) {
+            doubts.push(
+                "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
+                 where MeshLab refuses them; write GLB or OBJ"
+                    .to_owned(),
+            );
+        }
+        doubts
     }
 }
 
