@@ -162,7 +162,7 @@ fn alternating_points_are_met_by_every_foot_and_direction() {
         .flat_map(|(closed, count)| [0.1, 1.0, 10.0].map(|a| (closed, count, a)))
     {
         let point = |k: u32| {
-            let sign = if k % 2 == 0 { amplitude } else { -amplitude };
+            let sign = if k.is_multiple_of(2) { amplitude } else { -amplitude };
             let angle = TAU * f64::from(k) / f64::from(count);
             let radius = f64::from(count) / TAU;
             match closed {

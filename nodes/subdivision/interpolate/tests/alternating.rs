@@ -5,7 +5,7 @@ use crate::shapes::polygons;
 
 /// A closed or open grid of quads whose vertices alternate by this amplitude.
 fn checkered(closed: bool, [n, m]: [u32; 2], amplitude: f64) -> Mesh {
-    let sign = |k: u32| if (k % n + k / n) % 2 == 0 { amplitude } else { -amplitude };
+    let sign = |k: u32| if (k % n + k / n).is_multiple_of(2) { amplitude } else { -amplitude };
     if closed {
         let flat = torus(n, m, false);
         let out = |k: u32| {
