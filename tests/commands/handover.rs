@@ -115,7 +115,7 @@ fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
     let submitted = shell(project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh");
     assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", err(&submitted));
     let read = |name: &str| fs::read_to_string(project.folder().join("slurm").join(name)).unwrap();
-    let jobs = [0, 1, 2].map(|id| {
+    [0, 1, 2].map(|id| {
         assert!(!read(&format!("job{id}")).contains("HOME"));
         let words = read(&format!("words{id}"));
         let (_, array) = words.split_once("--array=").unwrap();
@@ -123,8 +123,7 @@ fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
         let last = array.rsplit('-').next().unwrap().parse::<usize>().unwrap();
         let element = |element| format!("SLURM_ARRAY_TASK_ID={element} bash slurm/job{id}");
         (0..=last).map(|task| ["bash", "-c", &element(task)].map(str::to_owned).to_vec()).collect()
-    });
-    jobs
+    })
 }
 
 fn succeeds(project: &Project, commands: &[Vec<String>]) {
@@ -219,6 +218,7 @@ class Client:
 LocalCluster = None
 "#;
 
+#[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
 #[test]
 fn hyperqueue_tells_of_a_scan_that_arrives() {
     if let Err(why) = Command::new("python3").arg("--version").output() {

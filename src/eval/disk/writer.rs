@@ -124,7 +124,7 @@ impl Job {
         }
     }
 
-    fn run(self, store: &Store) {
+    pub(super) fn run(self, store: &Store) {
         match self {
             Self::Entry { key, outcome, values, trusted } => {
                 let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
