@@ -35,4 +35,3 @@ mod browser;
 mod editors;
 mod project;
 mod seen;
-mod socket;

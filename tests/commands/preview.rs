@@ -17,8 +17,8 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
+use crate::browser::Socket;
 use crate::project::{Project, Watch};
-use crate::socket::Socket;
 
 mod drag;
 pub(crate) mod link;

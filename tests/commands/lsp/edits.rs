@@ -1,6 +1,6 @@
 //! What an editor writes into a text that is not in order yet: an edit stays on its line and takes away nothing beside it.
 //!
-//! `SEED` chooses the positions that are tried in large texts.
+//! `PROPTEST_RNG_SEED` chooses the positions that are tried in large texts.
 
 use std::path::Path;
 
