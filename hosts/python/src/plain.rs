@@ -58,7 +58,7 @@ fn to_json_at(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Json> {
     }
     // A text is a list of texts, too, so that one that cannot be read must not be taken for a list.
     if let Ok(text) = value.cast::<PyString>() {
-        return Ok(text.to_str()?.into());
+        return Ok(text.to_cow()?.into());
     }
     if depth == MAX_DEPTH {
         return Err(PyValueError::new_err("lists are nested too deeply"));
