@@ -163,7 +163,10 @@ def restarted() -> None:
 
 def cancel(owner: bpy.types.Object) -> None:
     """Stops the run."""
-    it = state(owner)
+    _cancel(state(owner))
+
+
+def _cancel(it: State) -> None:
     if it.run is not None and not it.cancelled:
         it.cancelled = True
         engine.client().ask("cancel", None, None, run=it.run)
@@ -175,7 +178,11 @@ def tick() -> None:
     looks = time.monotonic() - _looked > LOOK
     if looks:
         _looked = time.monotonic()
-    for owner in objects():
+    owners = objects()
+    for uid in states.keys() - {key(it) for it in owners}:
+        # Nobody waits for the run of an object that was deleted, and those of others would wait behind it.
+        _cancel(states[uid])
+    for owner in owners:
         it = state(owner)
         _touched(owner, it)
         if engine.ended():

@@ -360,6 +360,22 @@ def test_2_no_look_takes_5_ms_or_waits_while_a_graph_is_computed_for_5_s(empty: 
     assert took >= 5 and len(looks) > 200 and longest <= 0.005 and waits == 0, (took, len(looks), longest, waits)
 
 
+def test_the_run_of_an_object_that_is_deleted_ends_and_an_undo_begins_it_again(empty: Any, folder: pathlib.Path) -> None:
+    (folder / "slow.ron").write_text(SLOW)
+    live = module("live")
+    owner = live.add(str(folder / "slow.ron"), bpy.context)
+    until(lambda: owner.maquette.shown and settled(owner))
+    bpy.ops.ed.undo_push(message="begin")
+    it = live.state(owner)
+    owner["maquette levels"], owner["maquette faces"] = 4, 1000 + time.time_ns() % 50000
+    until(lambda: it.run is not None)
+    bpy.data.objects.remove(owner)
+    bpy.ops.ed.undo_push(message="delete")
+    until(lambda: it.run is None, 10)
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    until(lambda: settled(bpy.data.objects["slow"]))
+
+
 def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_few_copies(doll: bpy.types.Object) -> None:
     apply, live = module("apply"), module("live")
     spent: dict[str, list[float]] = {"whole": [], "moved": [], "copied": []}
