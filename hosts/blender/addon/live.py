@@ -567,6 +567,8 @@ def _undone(*_given: Any) -> None:
 
 @persistent
 def _opened(*_given: Any) -> None:
+    for it in states.values():
+        _cancel(it)
     states.clear()
 
 

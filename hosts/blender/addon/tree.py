@@ -129,7 +129,8 @@ def tick() -> None:
             state.path, state.history = path, History()
             state.outline, state.edited, state.keeps = None, None, False
         is_read = state.outline is not None and path in state.stamps and state.roots == engine.roots()
-        if state.outline is not None and key(tree) in changed and tree.maquette_text == state.history.text:
+        # Behind an edit the outline has the names before it, until the file is read again.
+        if state.outline is not None and state.edited is None and key(tree) in changed and tree.maquette_text == state.history.text:
             mirror.adopt(tree, state.outline)
         known = state.history
         is_known = (tree.maquette_text, tree.maquette_changes) == (known.text, known.count)
