@@ -230,35 +230,6 @@ fn whatever_a_server_does_the_outputs_are_the_same_and_it_costs_a_warning_and_a_
     }
 }
 
-#[cfg(unix)]
-#[test]
-fn a_process_that_is_stopped_and_continued_goes_on_with_its_server() {
-    let _alone = alone();
-    let (server, machine) = (filled(), Machine::new());
-    server.set(Mode::Slow);
-    let (address, out) = (server.address(), machine.0.path().join("out"));
-    let out = out.to_str().unwrap();
-    let arguments = ["run", "doll.ron", "--json", "--cache-remote", &address, "--out", out];
-    let mut command = machine.command(&arguments);
-    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
-    let mut process = command.spawn().unwrap();
-    let id = process.id().to_string();
-    let mut stops = 0;
-    while process.try_wait().unwrap().is_none() {
-        for signal in ["-STOP", "-CONT"] {
-            let _ = Command::new("kill").args([signal, &id]).output().unwrap();
-        }
-        stops += 1;
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    let output = process.wait_with_output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
-    assert!(20 < stops, "{stops} stops");
-    let json: Json = serde_json::from_slice(&output.stdout).unwrap();
-    let run = Run { json, words: said(&output), outputs: BTreeMap::new(), seconds: Duration::ZERO };
-    assert_eq!((run.count("computed"), run.count("cached"), &run.words[..]), (0, 15, ""));
-}
-
 #[test]
 fn a_server_that_may_only_be_read_is_read() {
     let _alone = alone();

@@ -23,8 +23,6 @@ pub(super) enum Mode {
     StallsInside,
     /// A byte now and then.
     Trickles,
-    /// It is honest, and lets each request wait a little.
-    Slow,
     Fails,
     ReadOnly,
     Full,
@@ -181,7 +179,6 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
             state.held.push(stream);
             return Ok(());
         }
-        Mode::Slow => std::thread::sleep(Duration::from_millis(60)),
         Mode::Closes => return Ok(()),
         Mode::Babbles => return stream.write_all(b"220 mail.example ready\r\n"),
         Mode::Fails => return say(&mut stream, "500 Internal Server Error", b""),

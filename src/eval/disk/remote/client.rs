@@ -1,6 +1,6 @@
 //! What is said to a server: GET, PUT and HEAD, none of which is waited for long.
 
-use std::io::{self, Read, Seek};
+use std::io::{self, Read};
 use std::time::{Duration, Instant};
 
 use ureq::http::{Response, StatusCode};
@@ -85,8 +85,8 @@ impl Client {
 
     /// What is in the file of this name, at most `most` bytes, unless it takes longer than `worth` seconds.
     pub(super) fn get(&self, file: &str, most: u64, worth: f64) -> Answer {
-        let get = || self.signed(self.agent.get(self.address.of(file)), "GET", file).call();
-        match uninterrupted(get) {
+        let request = self.signed(self.agent.get(self.address.of(file)), "GET", file);
+        match request.call() {
             Ok(mut response) if response.status() != StatusCode::OK => {
                 self.refusal(&mut response).map_or(Answer::IsNot, Answer::Fails)
             }
@@ -97,8 +97,8 @@ impl Client {
 
     /// How many bytes are in the file of this name, if there is one; why the server is of no use, if it is of none.
     pub(super) fn head(&self, file: &str) -> Result<Option<u64>, String> {
-        let head = || self.signed(self.agent.head(self.address.of(file)), "HEAD", file).call();
-        let response = uninterrupted(head).map_err(|error| in_words(&error))?;
+        let request = self.signed(self.agent.head(self.address.of(file)), "HEAD", file);
+        let response = request.call().map_err(|error| in_words(&error))?;
         let status = response.status();
         if status == StatusCode::UNAUTHORIZED || status.is_server_error() {
             return Err(status.to_string());
@@ -107,17 +107,13 @@ impl Client {
     }
 
     /// Puts so many bytes into the file of this name.
-    pub(super) fn put(&self, file: &str, length: u64, mut bytes: impl Read + Seek) -> Reply {
-        let put = || {
-            bytes.rewind()?;
-            let request = self.signed(self.agent.put(self.address.of(file)), "PUT", file);
-            let request = request.header("Content-Length", length);
-            let request = request.content_type("application/octet-stream").config();
-            let request =
-                request.timeout_recv_response(Some(TO_STORE)).timeout_per_read(Some(TO_STORE));
-            request.build().send(SendBody::from_reader(&mut bytes))
-        };
-        match uninterrupted(put) {
+    pub(super) fn put(&self, file: &str, length: u64, mut bytes: impl Read) -> Reply {
+        let request = self.signed(self.agent.put(self.address.of(file)), "PUT", file);
+        let request = request.header("Content-Length", length);
+        let request = request.content_type("application/octet-stream").config();
+        let request =
+            request.timeout_recv_response(Some(TO_STORE)).timeout_per_read(Some(TO_STORE));
+        match request.build().send(SendBody::from_reader(&mut bytes)) {
             Ok(response) if response.status().is_success() => Reply::Took,
             Ok(mut response) => {
                 let status = response.status();
@@ -150,17 +146,6 @@ impl Client {
     }
 }
 
-/// Sends a request again as long as a signal interrupts it. A process that is stopped and continued interrupts reads with a timeout, and
-/// Python's handlers of signals interrupt any.
-fn uninterrupted<T>(mut send: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
-    loop {
-        match send() {
-            Err(Error::Io(error)) if error.kind() == io::ErrorKind::Interrupted => {}
-            sent => return sent,
-        }
-    }
-}
-
 /// Why nothing was taken.
 fn reply(status: StatusCode, why: String) -> Reply {
     match status {
@@ -183,7 +168,6 @@ fn body(mut response: Response<Body>, most: u64, worth: f64) -> Answer {
         let read = match reader.read(&mut part) {
             Ok(0) => return Answer::Is(bytes),
             Ok(read) => read,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Answer::IsNot,
             Err(error) => return Answer::Fails(in_words(&Error::from(error))),
         };

@@ -1,7 +1,7 @@
 //! What is sent to a server, by a thread that nobody waits for longer than a moment.
 
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -121,11 +121,5 @@ impl Read for Until<'_> {
             true => Err(io::Error::other("it is not wanted any more")),
             false => self.file.read(into),
         }
-    }
-}
-
-impl Seek for Until<'_> {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
     }
 }
