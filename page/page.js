@@ -334,7 +334,9 @@ function showFacts(name) {
     ["bytes", bytes === undefined ? "" : inBytes(bytes)],
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
-    ...drafts.map(({ field, final, draft }) => [field, mark(`final ${final}, draft ${draft}`)]),
+    ...drafts.map(
+      ({ field, final, draft }) => /** @type {[string, any]} */ ([field, mark(`final ${final}, draft ${draft}`)]),
+    ),
     ["shown", isDraft ? mark("what drafts give, no final results") : ""],
   ];
   const table = tableOf(rows.filter(([, value]) => value));

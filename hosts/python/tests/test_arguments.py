@@ -19,14 +19,14 @@ GRAPH = """Graph(
     params: {
         "number": Number(default: 1, min: 0, max: 4, doc: ""), "count": Integer(default: 1, min: 0, max: 4, doc: ""),
         "flag": Toggle(default: true, doc: ""), "text": Text(default: "a", doc: ""), "color": Color(default: "#102030", doc: ""),
-        "choice": Choice(default: "a", of: ["a", "b"], doc: ""), "vector": Vector(default: (1, 2, 3), min: 0, max: 9, doc: ""),
+        "choice": Choice(default: A, of: [A, B], doc: ""), "vector": Vector(default: (1, 2, 3), min: 0, max: 9, doc: ""),
     },
     nodes: { "box": Primitive(shape: Box(size: Param("vector"))) },
     outputs: { "box.ply": "box" },
 )"""
 
 # Runs every call with every object in the place of `it`, and prints the call before, so that a crash can be found.
-SCRIPT = """
+SCRIPT = r"""
     import datetime, decimal, fractions, io, itertools, os, pathlib, sys, warnings
     import numpy as np
     import maquette
@@ -62,7 +62,7 @@ SCRIPT = """
     F = [[0, 1, 2]]
     path, text = sys.argv[1], open(sys.argv[1]).read()
     graph = maquette.load(path, cache=None)
-    function = maquette.load("f.ron", cache=None, text='Graph(format: 1, inputs: {"mesh": Mesh(doc: "")}, nodes: {}, outputs: {"m.ply": "mesh"})')
+    function = maquette.load("f.ron", cache=None, text='Graph(format: 1, inputs: {"mesh": Mesh(doc: "")}, nodes: {}, outputs: {"out": "mesh"})')
     mesh, run = maquette.Mesh(V, F), graph.run()
     image = maquette.Image(np.zeros((2, 2, 3), np.uint8))
     CALLS = {
@@ -130,7 +130,8 @@ SCRIPT = """
         "Surface(it)": lambda it: maquette.Surface(it, V, V),
     }
     for call, function_ in CALLS.items():
-        for number, it in enumerate(OBJECTS):
+        # NumPy itself compares each number of an array, of which the last one has six billion.
+        for number, it in enumerate(OBJECTS[:-1] if call == "mesh == it" else OBJECTS):
             print(call, number, type(it).__name__, flush=True)
             try:
                 function_(it)
@@ -147,7 +148,8 @@ def test_every_object_as_every_argument_gives_a_value_or_an_exception(tmp_path: 
     # What a fault would ask for is refused, not given from swap.
     limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))\n"
     script = limit + textwrap.dedent(SCRIPT)
-    command = [sys.executable, "-X", "faulthandler", "-c", script, str(tmp_path / "it.ron")]
+    (tmp_path / "script.py").write_text(script)
+    command = [sys.executable, "-X", "faulthandler", "script.py", "it.ron"]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=600, cwd=tmp_path)
     lines = done.stdout.splitlines()
     assert done.returncode == 0, (lines[-1:], done.stderr[-3000:])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
 
 from . import _maquette
@@ -299,8 +299,8 @@ class Graph:
         Only what hangs on something changed is computed. Raises GraphError if something failed, hangs on a node of an unknown type or does not
         hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell.
         """
-        named = [outputs] if isinstance(outputs, str) else outputs
-        wanted = [nodes] if isinstance(nodes, str) else list(nodes)
+        named = None if outputs is None else _names("outputs", outputs)
+        wanted = _names("nodes", nodes)
         for output in named or ():
             self.outputs[output]
         graph = self._checked(params, self._texts, draft)[0] if params or draft else self._graph
@@ -486,6 +486,15 @@ def _plain(name: str, value: Any) -> Any:
     if number != number or number in (float("inf"), float("-inf")):
         raise ValueError(f"`{name}` is {number}")
     return number
+
+
+def _names(argument: str, names: Union[str, Sequence[str]]) -> List[str]:
+    """A name or some names as a list. An iterator is refused, since it may have no end."""
+    if isinstance(names, str):
+        return [names]
+    if not isinstance(names, Collection):
+        raise TypeError(f"`{argument}` is a {type(names).__name__}; expected a name or a list of names")
+    return list(names)
 
 
 def _check_text(name: str, text: str) -> None:

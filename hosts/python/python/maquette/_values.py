@@ -209,7 +209,8 @@ class Value:
         for name, number, limit in (("yaw", yaw, 1e9), ("pitch", pitch, 1e9), ("zoom", zoom, 1e3)):
             if not abs(number) <= limit:
                 raise ValueError(f"{name} is {number}")
-        if not 1e-3 <= zoom or not all(1 <= side <= 16384 for side in size or ()):
+        columns, rows = (1, 1) if size is None else size
+        if not 1e-3 <= zoom or not (1 <= columns <= 16384 and 1 <= rows <= 16384):
             raise ValueError(f"a picture has 1 to 16384 pixels a side and a zoom of .001 to 1000, not {size} and {zoom}")
         picture = self._native.render(size, yaw, pitch, zoom, orthographic)
         if picture is None:
