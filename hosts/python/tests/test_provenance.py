@@ -75,9 +75,9 @@ def test_ply(folders: Folders) -> None:
     plyfile = pytest.importorskip("plyfile")
     trimesh = pytest.importorskip("trimesh")
     with_words, plain = (plyfile.PlyData.read(str(folder / "a.ply")) for folder in folders)
-    mine = [line for line in with_words.comments if line.startswith("maquette {")]
-    told(comment(mine[0]), "a.ply")
-    assert len(mine) == 1 and not any("maquette {" in line for line in plain.comments)
+    mine = [line[len("maquette ") :] for line in with_words.comments if line.startswith("maquette ")]
+    told(comment("maquette " + "".join(mine)), "a.ply")
+    assert mine[0].startswith("{") and not any("maquette " in line for line in plain.comments)
     assert (with_words["vertex"].data == plain["vertex"].data).all()
     same(*(trimesh.load_mesh(folder / "a.ply") for folder in folders))
 
