@@ -11,10 +11,10 @@ use crate::error::Error;
 use crate::format::{FORMATS, READERS};
 use crate::node::{Carry, NodeType, Output, Term};
 use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
-use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
 use crate::text::merged;
-use crate::value::{AnyValue, TYPES, ValueType};
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, TYPES, ValueType};
 
 mod description;
 
@@ -405,7 +405,7 @@ mod tests {
 
     use super::*;
     use crate::node::{Context, Node, node};
-    use crate::value::{Mesh, value_type};
+    use maquette_value::{Mesh, value_type};
 
     #[derive(Serialize, Deserialize, JsonSchema)]
     struct Nothing {}

@@ -211,7 +211,7 @@ pub fn main(packs: &[&Pack]) -> ExitCode {
 ///
 /// Ctrl-C and the allocator are the program's from then on, as [`main`] has them.
 pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
-    crate::memory::keep_freed();
+    maquette_value::memory::keep_freed();
     crate::eval::this_is_a_program();
     let words = Vec::from_iter(words);
     NAME.get_or_init(|| name_in(words.first()));

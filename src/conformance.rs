@@ -15,7 +15,7 @@ use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::reading::Readers;
 use crate::text::{check_default, inside, resolve, variants};
-use crate::value::{AnyValue, ValueType};
+use maquette_value::{AnyValue, ValueType};
 
 mod attributes;
 mod cells;

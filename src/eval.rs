@@ -15,7 +15,7 @@ use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use crate::node::CancelToken;
 use crate::pack::{Content, NewFile};
 use crate::provenance::Signature;
-use crate::value::{AnyValue, Hash};
+use maquette_value::{AnyValue, Hash};
 
 mod cache;
 mod compute;

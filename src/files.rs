@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::in_words;
 use crate::node::{Companions, File, ReadError};
-use crate::plain;
-use crate::plain::ending;
 use crate::reading::{Readers, Reading, read_companion};
 use crate::stamp::Stamp;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain;
+use maquette_value::plain::ending;
 
 /// A file that a node reads.
 #[derive(Clone, Debug)]

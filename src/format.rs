@@ -11,9 +11,9 @@ use thiserror::Error;
 
 use crate::error::Error;
 use crate::pack::{Format, format};
-use crate::parallel::*;
 use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
-use crate::value::{Mesh, Value, value_type};
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, Value, value_type};
 
 pub mod abs;
 pub mod camera;
@@ -247,7 +247,7 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 mod hostile {
     //! Files that lie: valid ones, cut and bent.
 
-    use crate::random::{STEP, mix};
+    use maquette_value::random::{STEP, mix};
 
     /// Calls `read` with `file` cut at every length, and with some thousand versions of it in which a few bytes are others:
     /// by any result but a panic the reader passes.

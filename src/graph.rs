@@ -8,10 +8,10 @@ use crate::error::{Problem, Severity, Source, Span, Use};
 use crate::node::AnyNode;
 use crate::pack::Format;
 use crate::paths::without_dots;
-use crate::plain;
 use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree, ron, shell};
-use crate::value::{Hash, ValueType};
+use maquette_value::plain;
+use maquette_value::{Hash, ValueType};
 
 mod asked;
 mod check;

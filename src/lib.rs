@@ -77,15 +77,8 @@ pub mod conformance;
 pub mod format;
 #[cfg(feature = "cli")]
 pub mod lsp;
-pub mod memory;
-pub mod parallel;
-#[doc(hidden)]
-pub mod random;
 pub mod render;
-pub mod simd;
-pub mod value;
 
-mod base64;
 #[cfg(feature = "cli")]
 mod batch;
 mod catalog;
@@ -102,7 +95,6 @@ mod pack;
 #[cfg(feature = "cli")]
 mod page;
 mod paths;
-mod plain;
 #[cfg(feature = "cli")]
 mod probe;
 mod provenance;
@@ -127,6 +119,12 @@ pub use graph::{
     GraphPort, InputValues, Merge, Options, Put, ReadFile,
 };
 pub use limit::{Estimate, Limit, TooMuch};
+pub use maquette_value as value;
+pub use maquette_value::{
+    AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
+    ValueType, hash_of, value_type,
+};
+pub use maquette_value::{memory, parallel, random, simd};
 pub use node::{
     CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
     PortType, Previous, Progress, Promise, ReadError, Want, node,
@@ -140,7 +138,3 @@ pub use session::{
 };
 pub use suite::{TestRun, test_graphs};
 pub use text::Reader;
-pub use value::{
-    AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
-    ValueType, hash_of, value_type,
-};

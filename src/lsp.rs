@@ -382,7 +382,7 @@ impl Server {
     /// The text of a file, open or not.
     fn text(&self, path: &Path) -> Arc<str> {
         let open = self.documents.get(path).map(|document| document.text.clone());
-        open.unwrap_or_else(|| crate::plain::read_text(path).unwrap_or_default().into())
+        open.unwrap_or_else(|| maquette_value::plain::read_text(path).unwrap_or_default().into())
     }
 }
 

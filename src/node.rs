@@ -16,10 +16,10 @@ use serde_json::json;
 
 use crate::error::{Cancelled, Error};
 use crate::limit::Estimate;
-use crate::plain::{ending, without_mark};
 use crate::reading::{NoReader, Readers, Reading};
 use crate::text::{FILE, LINK};
-use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
+use maquette_value::plain::{ending, without_mark};
+use maquette_value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 
 mod carry;
 mod kind;

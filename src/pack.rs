@@ -2,10 +2,10 @@
 
 use crate::error::Error;
 use crate::node::NodeType;
-use crate::plain::ending;
 use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
-use crate::value::{AnyValue, Value, ValueType, value_type};
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, Value, ValueType, value_type};
 
 mod content;
 

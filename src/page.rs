@@ -421,7 +421,7 @@ impl Feed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{AnyValue, Image};
+    use maquette_value::{AnyValue, Image};
 
     #[test]
     fn who_comes_late_is_told_what_is_true() {

@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::render::picture_of;
 use crate::text::with_article;
-use crate::value::{AnyValue, On, Picture, Summary};
+use maquette_value::{AnyValue, On, Picture, Summary};
 
 /// What is under a pixel (column, row), if the value has that pixel and something to say of it.
 pub(crate) fn at(value: &AnyValue, pixel: [usize; 2]) -> Option<Summary> {

@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::paths::{PathProblem, may_read, project_root};
-use crate::plain::{self, ending, without_mark};
-use crate::value::{AnyValue, Mesh, Value, ValueType, value_type};
+use maquette_value::plain;
+use maquette_value::plain::{ending, without_mark};
+use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
 
 /// A way to read one type of values from one kind of files.
 pub trait FileReader {
@@ -297,7 +298,7 @@ pub(crate) fn read_companion(
 mod tests {
     use super::*;
     use crate::format::READERS;
-    use crate::value::Points;
+    use maquette_value::Points;
 
     #[test]
     fn the_type_and_the_ending_choose_the_reader() {

@@ -12,8 +12,8 @@
 
 use nalgebra::Point3;
 
-use crate::parallel::*;
-use crate::value::{Image, Layer, Mesh, Rgb};
+use maquette_value::parallel::*;
+use maquette_value::{Image, Layer, Mesh, Rgb};
 
 mod camera;
 mod flat;
@@ -42,7 +42,7 @@ const BAND: usize = 8;
 
 /// From where a picture is taken. All that is seen is framed by itself, unless the view aims at a part of it.
 ///
-/// Seen from the front, a mesh with a [`CaptureFrame`](crate::value::CaptureFrame) looks as its sensor saw it; one without
+/// Seen from the front, a mesh with a [`CaptureFrame`](maquette_value::CaptureFrame) looks as its sensor saw it; one without
 /// has x to the right, y up, and z towards the viewer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
@@ -74,7 +74,7 @@ impl Aim {
     pub fn around(places: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
         let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
         let places = Vec::from_iter(places.into_iter().filter(is_finite));
-        crate::value::bounds(places.iter()).map(|(low, high)| Self::Box(low, high))
+        maquette_value::bounds(places.iter()).map(|(low, high)| Self::Box(low, high))
     }
 }
 

@@ -16,7 +16,7 @@ use crate::node::CancelToken;
 use crate::pack::{NewFile, Pack};
 use crate::provenance::{Provenance, Signature};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Value};
+use maquette_value::{AnyValue, Value};
 
 mod elements;
 #[cfg(feature = "cli")]

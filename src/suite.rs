@@ -13,10 +13,10 @@ use crate::golden::case::{self, TestFile};
 use crate::golden::store::{self, Golden, NoGolden, Written, because};
 use crate::golden::{Comparison, Tolerance, Violation};
 use crate::pack::NewFile;
-use crate::plain;
 use crate::session::{self, Session};
-use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
+use maquette_value::AnyValue;
+use maquette_value::plain;
 
 #[cfg(feature = "cli")]
 mod file;

@@ -14,8 +14,8 @@ use std::time::SystemTime;
 use tempfile::NamedTempFile;
 
 use crate::paths::without_dots;
-use crate::plain;
 use crate::stamp::Stamp;
+use maquette_value::plain;
 
 mod large;
 #[cfg(feature = "cli")]

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// A name made of values: `{scan}/{growth}_{levels}`.
 pub(super) struct Template {

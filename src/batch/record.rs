@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::files::KnownFile;
-use crate::plain;
 use crate::session::Left;
-use crate::value::Hash;
 use crate::writing::{Destination, Refused};
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// The folder of records in that of a batch.
 pub(super) const FOLDER: &str = "tasks";

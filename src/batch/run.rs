@@ -16,8 +16,8 @@ use crate::graph::{Graph, Options};
 use crate::node::CancelToken;
 use crate::render::{Kind, Look, View, picture};
 use crate::session::{Finished, Left, OutputFolder, ReadFiles, Run, Session, Wanted};
-use crate::value::Hash;
 use crate::writing::{Destination, Sources};
+use maquette_value::Hash;
 
 /// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
 const QUALITY: u8 = 88;
@@ -317,7 +317,7 @@ struct Done {
 }
 
 /// What the first of these values shows that has faces; without one, the first that shows anything.
-fn shown(finished: &Finished, names: &[String]) -> Option<Vec<crate::value::Layer>> {
+fn shown(finished: &Finished, names: &[String]) -> Option<Vec<maquette_value::Layer>> {
     let values = || names.iter().filter_map(|name| finished.value(name));
     let solid = values().find(|value| value.as_mesh().is_some()).map(|value| value.show());
     solid.or_else(|| values().map(|value| value.show()).find(|layers| !layers.is_empty()))

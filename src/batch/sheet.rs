@@ -6,10 +6,10 @@ use serde_json::{Value as Json, json};
 
 use super::record::{Record, State};
 use super::{Batch, Sweep};
-use crate::base64::base64;
-use crate::plain;
 use crate::telling::escaped;
 use crate::writing::Sources;
+use maquette_value::base64::base64;
+use maquette_value::plain;
 
 /// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.
 const PAGE: &str = include_str!("sheet/sheet.html");

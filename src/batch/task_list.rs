@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::record::{FOLDER, Record};
 use super::{Batch, Sweep, Task};
 use crate::paths::{folder_of_new, path_between};
-use crate::plain;
-use crate::value::Hash;
 use crate::writing::Sources;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// The folder of lists in that of records. No task has a name with an `@`.
 const LISTS: &str = "@handovers";

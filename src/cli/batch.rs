@@ -22,9 +22,9 @@ use crate::catalog::Catalog;
 use crate::error::Problem;
 use crate::eval::Observer;
 use crate::node::CancelToken;
-use crate::plain;
 use crate::session::Session;
 use crate::text::first_word;
+use maquette_value::plain;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
 #[derive(Args)]

@@ -10,7 +10,7 @@ use super::{Exit, eprint, print, print_json};
 use crate::catalog::Catalog;
 use crate::golden::compare::in_unit;
 use crate::golden::{Keep, Tolerance, Verdict, compare};
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
 
 #[derive(Args)]
 pub(super) struct Compare {

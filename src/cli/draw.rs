@@ -8,8 +8,8 @@ use super::{Exit, print_document, report};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::{Files, Graph, Options};
-use crate::plain::ending;
 use crate::writing::{Destination, Sources};
+use maquette_value::plain::ending;
 
 #[derive(Args)]
 pub(super) struct Draw {

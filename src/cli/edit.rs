@@ -8,8 +8,8 @@ use super::{Exit, assignment, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
 use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
-use crate::plain;
 use crate::writing::{Turn, replace};
+use maquette_value::plain;
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
 #[derive(Args)]

@@ -9,8 +9,8 @@ use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::graph::{Graph, Options};
-use crate::plain;
 use crate::writing::{Turn, replace};
+use maquette_value::plain;
 
 #[derive(Args)]
 pub(super) struct Fmt {

@@ -13,13 +13,13 @@ use super::{Exit, all_outputs, counted, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::format::png;
 use crate::graph::{Graph, Options, Subgraph};
-use crate::plain;
 use crate::render::{View, render};
 use crate::session::Session;
 use crate::suite::FileKind;
 use crate::text::any_of;
-use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
+use maquette_value::AnyValue;
+use maquette_value::plain;
 
 #[derive(Args)]
 pub(super) struct Gallery {

@@ -19,13 +19,13 @@ use crate::format::png;
 use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
-use crate::plain::ending;
 use crate::probe::{self, shown};
 use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
 use crate::text::with_article;
-use crate::value::{AnyValue, Layer, Summary};
 use crate::writing::{Destination, Sources};
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, Layer, Summary};
 
 mod broken;
 mod columns;

@@ -11,7 +11,7 @@ use crate::graph::{Broken, Graph};
 use crate::render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use crate::session::{Run, Session, Wanted};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
+use maquette_value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 
 /// What `--at` names.
 #[derive(Clone, Debug)]

@@ -14,11 +14,11 @@ use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
 use crate::node::CancelToken;
-use crate::plain::ending;
 use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
-use crate::value::Image;
 use crate::writing::{Destination, Sources};
+use maquette_value::Image;
+use maquette_value::plain::ending;
 
 #[derive(Args)]
 pub(super) struct Render {

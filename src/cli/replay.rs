@@ -13,11 +13,11 @@ use super::{Exit, assignment, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, GraphOutput, Options};
 use crate::paths::{folder_of_new, project_root};
-use crate::plain::{ending, read_own};
 use crate::provenance::{Found, Provenance, Signature, find};
 use crate::session::{OutputFolder, Run, Wanted, sign};
 use crate::text::unknown;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain::{ending, read_own};
 
 /// Whether files tell where they came from.
 #[derive(Args, Clone, Default)]

@@ -26,9 +26,9 @@ use crate::catalog::{Catalog, Entry};
 use crate::draw::Places;
 use crate::graph::{Edited, Graph, GraphInput, Options, PINS_ENDING};
 use crate::node::CancelToken;
-use crate::plain;
-use crate::value::ValueType;
 use crate::writing::Shelf;
+use maquette_value::ValueType;
+use maquette_value::plain;
 
 mod columns;
 mod layout;

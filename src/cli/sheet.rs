@@ -16,8 +16,8 @@ use crate::graph::{Graph, Options};
 use crate::render::{Kind, Look, View, picture};
 use crate::session::Session;
 use crate::text::inside;
-use crate::value::{Image, Layer, Rgb};
 use crate::writing::{Destination, Sources};
+use maquette_value::{Image, Layer, Rgb};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
 #[derive(Args)]

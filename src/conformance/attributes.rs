@@ -6,7 +6,7 @@
 use super::extremes::Case;
 use super::{inputs, made};
 use crate::node::{Carry, DOMAINS, Fate, Progress};
-use crate::value::{AnyValue, Attribute, Attributes, Mesh, Points};
+use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
 /// The mark that all others of an element follow from.
 const MARK: &str = "mark-of-the-law";
@@ -294,7 +294,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::value::Faces;
+    use maquette_value::Faces;
 
     /// What the law says of two triangles that are given marks and then changed.
     fn said(domain: usize, fate: Fate, change: impl FnOnce(Mesh) -> Mesh) -> Vec<String> {

@@ -3,7 +3,7 @@
 use super::extremes::Case;
 use super::{inputs, made};
 use crate::node::{Fate, Progress};
-use crate::value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
+use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
 
 /// Checks what the node of an example declares of cells. Ports that take several types get range images for it.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {

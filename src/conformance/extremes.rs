@@ -9,9 +9,9 @@ use super::{Hostile, Values, call, inputs};
 use crate::catalog::Entry;
 use crate::graph::Graph;
 use crate::node::{CancelToken, Progress};
-use crate::random::Random;
 use crate::text::{inside, resolve, variants};
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
+use maquette_value::random::Random;
 
 /// What is checked: a node of its example, and the values of the example.
 pub(super) struct Case<'a> {

@@ -58,7 +58,7 @@ mod tests {
     use crate::error::Error;
     use crate::format::READERS;
     use crate::reading::{FileReader, reader};
-    use crate::value::Mask;
+    use maquette_value::Mask;
 
     struct Careless;
 

@@ -4,8 +4,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::updates::changed;
 use crate::pack::Format;
-use crate::random::Random;
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
+use maquette_value::random::Random;
 
 /// Pieces of so many bytes are asked for: none of them ends where rows do.
 const PIECES: [usize; 3] = [1, 61, 4099];
@@ -75,7 +75,7 @@ mod tests {
     use crate::error::Error;
     use crate::format::FORMATS;
     use crate::pack::{Content, FileFormat, NewFile, format};
-    use crate::value::{Hash, Mask, Mesh};
+    use maquette_value::{Hash, Mask, Mesh};
 
     #[test]
     fn pieces_of_all_formats_are_those_of_the_whole_file() {

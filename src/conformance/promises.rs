@@ -4,7 +4,7 @@ use super::extremes::Case;
 use super::{inputs, made};
 use crate::catalog::{Catalog, Entry};
 use crate::node::{Progress, Source};
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
 
 /// Ports, outputs and properties that are named are there.
 pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
@@ -20,7 +20,7 @@ pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) 
             Some(Source::From(port)) => types_of(port).and(output.map(|it| it.types.clone())),
             Some(_) => output.map(|it| it.types.clone()),
         };
-        let is_known = |types: Vec<&crate::ValueType>| {
+        let is_known = |types: Vec<&maquette_value::ValueType>| {
             types.iter().any(|kind| kind.property(term.property).is_some())
         };
         if !types.is_some_and(is_known) {

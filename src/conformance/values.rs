@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::value::{
+use maquette_value::{
     AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
 };
 
@@ -175,7 +175,7 @@ mod tests {
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
-    use crate::value::{
+    use maquette_value::{
         Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, Faces, Image,
         KnotVector, Mesh, On, Pinhole, Points, RangeImage, Region, Registration, Surface, TYPES,
     };
@@ -311,7 +311,7 @@ mod tests {
         let mut parts = Parts::default();
         let positions = vec![0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         parts.push("position", On::Vertex, Meaning::Position, 3, positions);
-        let made = |parts: &Parts<'_>| crate::value::value_type::<Mesh>().from_parts(parts);
+        let made = |parts: &Parts<'_>| maquette_value::value_type::<Mesh>().from_parts(parts);
         assert_eq!(made(&parts).unwrap_err().to_string(), "the part `corners` is missing");
         parts.push("corners", On::Face, Meaning::Index, 3, vec![0u32, 1, 2]);
         assert_eq!(made(&parts).unwrap().get::<Mesh>().unwrap().faces().len(), 1);

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use super::lock;
 use crate::node::Memos;
-use crate::value::{AnyValue, Fact, FactValue, Hash};
+use maquette_value::{AnyValue, Fact, FactValue, Hash};
 
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;
@@ -260,7 +260,7 @@ impl Memos for Cache {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::Mask;
+    use maquette_value::Mask;
 
     #[test]
     fn the_least_recently_used_values_are_dropped_first_even_if_somebody_holds_their_outcome() {

@@ -16,7 +16,7 @@ use crate::error::{Cancelled, Error};
 use crate::graph::{ELEMENTS, GraphNode, Link};
 use crate::limit::Estimate;
 use crate::node::{AnyNode, Context, File, Previous, Progress};
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// A node's files, or the hashes that they have now, if one has just been changed.
 pub(super) enum Loaded {

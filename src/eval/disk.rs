@@ -28,9 +28,9 @@ use super::cache::{Outcome, Values};
 use super::snapshot::Snapshot;
 use crate::catalog::Catalog;
 use crate::files::KnownFile;
-use crate::plain;
-use crate::value::{Bytes, Columns, Hash, ValueType};
 use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};
+use maquette_value::plain;
+use maquette_value::{Bytes, Columns, Hash, ValueType};
 
 mod doctor;
 mod entry;
@@ -352,7 +352,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::value::{AnyValue, Column, Points};
+    use maquette_value::{AnyValue, Column, Points};
 
     fn store(folder: &Path) -> io::Result<Store> {
         Store::open(folder, "0123456789abcdef0123456789abcdef", u64::MAX, HashMap::new())

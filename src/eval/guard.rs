@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use super::lock;
 use crate::error::{Error, Problem, Severity, code};
 use crate::graph::{Graph, GraphNode, Guard};
-use crate::value::{AnyValue, Hash, Offence};
+use maquette_value::{AnyValue, Hash, Offence};
 
 /// What tests have found, by the value's hash and the property.
 type Found = HashMap<(Hash, &'static str), Option<Arc<Offence>>>;

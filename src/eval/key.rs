@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde_json::Value as Json;
 
 use crate::graph::{Recipe, parameter_difference};
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// What a result is computed from.
 #[derive(Clone, Debug)]

@@ -18,7 +18,7 @@ use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::node::CancelToken;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 mod pack;
 mod plain;

@@ -18,7 +18,7 @@ use crate::error::Error;
 use crate::files::Reads;
 use crate::graph::{ELEMENTS, Graph, GraphNode};
 use crate::node::CancelToken;
-use crate::value::{AnyValue, Hash};
+use maquette_value::{AnyValue, Hash};
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {

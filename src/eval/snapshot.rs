@@ -8,7 +8,7 @@ use super::cache::Outcome;
 use super::disk::Disk;
 use super::key::Parts;
 use crate::graph::Graph;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// A result, and what it was computed from: true whatever becomes of the graph and its files.
 pub(super) struct Done {

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::range_file::{Axes, RangeFile, Rows};
 use super::{excerpt, parse, words};
-use crate::value::RangeImage;
+use maquette_value::RangeImage;
 
 /// Why bytes are not a range grid in an ABS file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

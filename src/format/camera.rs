@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::value::{Pinhole, RangeImage, Registration};
+use maquette_value::{Pinhole, RangeImage, Registration};
 
 /// The name of the camera file of the captures in its folder.
 pub const NAME: &str = "camera.json";

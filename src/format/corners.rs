@@ -1,6 +1,6 @@
 //! Corners of faces: collecting them from a file, and telling vertices apart that carry different data at different faces.
 
-use crate::value::{Attribute, Column, Faces, Mesh, MeshError};
+use maquette_value::{Attribute, Column, Faces, Mesh, MeshError};
 
 /// The faces of a file, collected one by one and cleaned of corners that repeat the vertex before them: exporters write such
 /// corners where a quad has shrunk to a triangle.

@@ -12,8 +12,8 @@ use ::image::{DynamicImage, ImageDecoder, Limits};
 use thiserror::Error;
 
 use super::most_memory;
-use crate::parallel::*;
-use crate::value::{Image, srgb_from_linear};
+use maquette_value::parallel::*;
+use maquette_value::{Image, srgb_from_linear};
 
 /// Why a decoder gives no picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -171,7 +171,7 @@ mod tests {
     use expect_test::{Expect, expect};
 
     use crate::format::{hostile, most_memory, picture_file, png, tiff};
-    use crate::value::Image;
+    use maquette_value::Image;
 
     /// Bytes as a small generator makes them, the same every time.
     fn noise(count: usize) -> Vec<u8> {

@@ -11,7 +11,7 @@ use super::tiff::Depths;
 use super::{excerpt, exr, json, png, tiff};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Pinhole, RangeImage};
+use maquette_value::{Pinhole, RangeImage};
 
 /// Memory that a pixel of a depth map takes: its sample, its depth and its point.
 pub(super) const BYTES_PER_PIXEL: usize = 36;
@@ -232,7 +232,7 @@ mod tests {
     use super::*;
     use crate::format::range_file::tests::is_grid;
     use crate::format::{camera, hostile};
-    use crate::value::Registration;
+    use maquette_value::Registration;
 
     const PNG: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
     const TIFF: &[u8] = include_bytes!("../../tests/data/formats/depth32f.tiff");

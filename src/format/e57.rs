@@ -12,7 +12,7 @@ use thiserror::Error;
 use super::{finite, most_memory};
 use crate::error;
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Points, PointsError, Rgb};
+use maquette_value::{Attribute, Points, PointsError, Rgb};
 
 /// Why bytes are not points in an E57 file.
 #[derive(Clone, Debug, PartialEq, Error)]

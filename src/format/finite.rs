@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use crate::reading::Reading;
-use crate::value::{Mesh, Points, first_not_finite};
+use maquette_value::{Mesh, Points, first_not_finite};
 
 /// Which places of a file are finite.
 pub(super) struct Finite(Option<Vec<bool>>);

@@ -16,10 +16,10 @@ use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
 use crate::error;
 use crate::pack::{Content, FileFormat, NewFile};
-use crate::parallel::*;
 use crate::provenance::{Signature, extras_of_glb, padded};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Column, Mesh, Rgb, linear_from_srgb};
+use maquette_value::parallel::*;
+use maquette_value::{Column, Mesh, Rgb, linear_from_srgb};
 
 mod accessor;
 mod gltf;
@@ -378,7 +378,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::value::{Attribute, CaptureFrame, Faces, Image};
+    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

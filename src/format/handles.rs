@@ -10,7 +10,7 @@ use super::{At, excerpt};
 use crate::error::{Error, Place};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Handle, HandleSpace, Handles, HandlesError};
+use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
 
 /// Why bytes are no handles.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -9,7 +9,7 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::decoder::{DecodeError, File};
-use crate::value::Image;
+use maquette_value::Image;
 
 /// Why bytes are not a picture in a JPEG file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

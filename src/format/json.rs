@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{ControlNet, Direction, KnotVector, Labels, Trace};
+use maquette_value::{ControlNet, Direction, KnotVector, Labels, Trace};
 
 /// Writes a direction.
 pub(super) struct DirectionJson;
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn a_trace_is_its_steps() {
-        use crate::value::TraceStep;
+        use maquette_value::TraceStep;
         let step = |iteration, max| TraceStep { iteration, max, rms: 0.25 };
         check::<TraceJson>(
             &Trace::new(vec![step(0, f64::INFINITY), step(2, 0.5)]).unwrap(),

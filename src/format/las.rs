@@ -8,7 +8,7 @@ use thiserror::Error;
 use super::excerpt;
 use crate::error;
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Points, PointsError};
+use maquette_value::{Attribute, Points, PointsError};
 
 /// Why bytes are not points in a LAS file.
 #[derive(Clone, Debug, PartialEq, Error)]

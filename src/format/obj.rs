@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::corners::{FaceList, with_corners};
 use super::finite::{self, Finite};
 use super::{excerpt, parse, picture_file, words};
-use crate::value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
+use maquette_value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 
 mod curve;
 mod free_form;

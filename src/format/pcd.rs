@@ -11,10 +11,10 @@ use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Points, RangeImage, Rgb};
 use header::{Encoding, Field, Header, Scalar};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Points, RangeImage, Rgb};
 
 mod header;
 mod lzf;

@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::format::png;
 use crate::pack::{FileFormat, NewFile};
 use crate::render::{View, render};
-use crate::value::{Mesh, Surface};
+use maquette_value::{Mesh, Surface};
 
 /// A rendered mesh.
 pub(super) struct MeshPng;

@@ -12,7 +12,7 @@ use thiserror::Error;
 use super::decoder::{DecodeError, File};
 use super::{camera, excerpt, jpeg, png, tiff};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Image, Mask, Rgb};
+use maquette_value::{Image, Mask, Rgb};
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

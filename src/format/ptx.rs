@@ -12,7 +12,7 @@ use super::range_file::{RangeFile, Rows};
 use super::{camera, check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{RangeImage, Rgb};
+use maquette_value::{RangeImage, Rgb};
 
 /// Why bytes are not a range grid in a PTX file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -7,7 +7,7 @@ use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
 use crate::error;
 use crate::reading::{FileReader, Reading};
-use crate::value::{RangeImage, SizeError};
+use maquette_value::{RangeImage, SizeError};
 
 /// How the coordinates of a range file lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,7 +170,7 @@ impl FileReader for RangeFiles {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::value::Rgb;
+    use maquette_value::Rgb;
 
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");
 

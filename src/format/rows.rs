@@ -7,8 +7,8 @@ use blake3::Hasher;
 use bytemuck::{NoUninit, bytes_of};
 
 use crate::pack::Content;
-use crate::parallel::*;
-use crate::value::{Column, Hash};
+use maquette_value::parallel::*;
+use maquette_value::{Column, Hash};
 
 /// Rows that one task fills: few enough to stay in a core's cache from column to column.
 const BLOCK: usize = 4096;

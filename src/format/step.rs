@@ -12,7 +12,7 @@ use thiserror::Error;
 use super::upright::upright_surface;
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{KnotVector, Surface};
+use maquette_value::{KnotVector, Surface};
 
 /// Why a surface cannot be written as STEP.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -331,7 +331,7 @@ fn side(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::ControlNet;
+    use maquette_value::ControlNet;
 
     fn text(surface: &Surface) -> String {
         String::from_utf8(encode(surface).unwrap()).unwrap()

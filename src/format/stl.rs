@@ -12,7 +12,7 @@ use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, parse, words
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Mesh, MeshError};
+use maquette_value::{Mesh, MeshError};
 
 /// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -263,7 +263,7 @@ impl FileReader for MeshStl {
 mod tests {
     use super::*;
     use crate::format::{glb, hostile, obj, ply};
-    use crate::value::Faces;
+    use maquette_value::Faces;
 
     const TEXT: &str = "solid a square\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1 0\n\
         \u{20} endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 1 0\n   vertex 0 1 -0.5e0\n\

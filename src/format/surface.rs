@@ -4,7 +4,7 @@ use super::glb::MeshGlb;
 use super::ply::MeshPly;
 use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::Surface;
+use maquette_value::Surface;
 
 /// A surface as a mesh, PLY.
 pub(super) struct SurfacePly;

@@ -14,7 +14,7 @@ use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Mesh, Rgb};
+use maquette_value::{Mesh, Rgb};
 
 /// Why a mesh cannot be written as 3MF.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -205,7 +205,7 @@ mod tests {
     use miniz_oxide::inflate::decompress_to_vec;
 
     use super::*;
-    use crate::value::{Attribute, CaptureFrame, Faces, Image};
+    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

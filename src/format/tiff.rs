@@ -15,7 +15,7 @@ use super::decoder::{DecodeError, File};
 use super::{depth, most_memory};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Field, Image, Mask};
+use maquette_value::{Field, Image, Mask};
 
 /// Why bytes are not a picture or a depth map in a TIFF file, or a value cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use nalgebra::Point3;
 
-use crate::parallel::*;
-use crate::value::{Attribute, Attributes, ControlNetError, Mesh, MeshError, Surface};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Attributes, ControlNetError, Mesh, MeshError, Surface};
 
 /// Half a turn about x: from a sensor's axes (y down, z away) to those of viewers.
 fn turned(point: &Point3<f64>) -> Point3<f64> {
@@ -75,7 +75,7 @@ mod tests {
     use crate::format::stl::MeshStl;
     use crate::format::{glb, obj, ply, stl};
     use crate::pack::FileFormat;
-    use crate::value::{CaptureFrame, Faces};
+    use maquette_value::{CaptureFrame, Faces};
 
     /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
     fn captured() -> Mesh {

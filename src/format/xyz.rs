@@ -8,7 +8,7 @@ use super::{check_single, coarse, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Points, PointsError, RangeImage, Rgb};
+use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 
 /// Why bytes are not points in an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]

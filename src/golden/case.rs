@@ -13,9 +13,9 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
 use crate::paths::{MARKER, PathProblem, may_read, project_root};
-use crate::plain;
 use crate::text::{Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree, twice};
-use crate::value::{Meaning, Part, ValueType};
+use maquette_value::plain;
+use maquette_value::{Meaning, Part, ValueType};
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::parts::{Class, GoldenColumn, GoldenParts};
-use crate::value::{AnyValue, Mesh};
+use maquette_value::{AnyValue, Mesh};
 
 mod columns;
 mod mesh;

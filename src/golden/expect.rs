@@ -11,7 +11,7 @@ use super::printable::printable;
 use super::topology::Topology;
 use crate::error::Problem;
 use crate::graph::{Expectation, Expected, Graph};
-use crate::value::{
+use maquette_value::{
     AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
 };
 

@@ -6,7 +6,7 @@ use super::expect::counted;
 use crate::error::{Span, code};
 use crate::graph::Expectation;
 use crate::text::{Body, Finding, Help, Kind, Tree, nearest_or_all, with_article};
-use crate::value::{Meaning, Region, Value as _, ValueType};
+use maquette_value::{Meaning, Region, Value as _, ValueType};
 
 /// What is wrong with an expectation: the field, the code, what, and what to do.
 type Fault = (&'static str, &'static str, String, Help);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, SMatrix, SVector};
 
 use super::compare::six;
-use crate::value::{Attribute, Mesh, Region};
+use maquette_value::{Attribute, Mesh, Region};
 
 /// What is wrong, and where.
 pub(super) type Wrong = Option<(String, Vec<Point3<f64>>)>;
@@ -317,7 +317,7 @@ pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{CaptureFrame, Faces};
+    use maquette_value::{CaptureFrame, Faces};
 
     /// A sheet of 6 x 6 quads, as a capture of 6 x 6 cells sees it in a picture of 12 x 12 pixels, without the faces in `missing`, its
     /// columns from 3 on rising by `rise`.

@@ -1,6 +1,7 @@
 //! A value as named columns of numbers: what goldens keep of it, and what comparisons compare.
 
-use crate::value::{self, AnyValue, Attributes, Meaning, On, Range};
+use maquette_value as value;
+use maquette_value::{AnyValue, Attributes, Meaning, On, Range};
 
 /// What the numbers of a column mean, and so how two of them are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use super::compare::six;
 use super::expect::{closed, manifold, no_self_intersection};
 use super::looks::Wrong;
-use crate::value::{AnyValue, Behind, Mesh, TriangleTree};
+use maquette_value::{AnyValue, Behind, Mesh, TriangleTree};
 
 /// How many places are reported.
 const PLACES: usize = 1000;
@@ -67,7 +67,7 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::value::Faces;
+    use maquette_value::Faces;
 
     /// A box from the origin.
     fn cuboid(size: [f64; 3]) -> Mesh {

@@ -5,8 +5,8 @@
 //! space" (1984). So a handful tells of a million numbers whether any changed, and by how much all of them together, where only
 //! some of the numbers were kept, and those rounded.
 
-use crate::parallel::*;
-use crate::random::{STEP, mix};
+use maquette_value::parallel::*;
+use maquette_value::random::{STEP, mix};
 
 /// How many sums: one would tell whether anything changed, four tell by how much within a factor of about two.
 const SUMS: usize = 4;

@@ -14,9 +14,9 @@ use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::format::png;
 use crate::pack::NewFile;
-use crate::parallel::*;
 use crate::render::{View, render};
-use crate::value::{
+use maquette_value::parallel::*;
+use maquette_value::{
     AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
     Surface,
 };
@@ -186,7 +186,8 @@ pub(crate) enum NoGolden {
 
 /// The golden of this name in a folder.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
-    let file = |suffix: &str| crate::plain::read(&folder.join(format!("{name}{suffix}"))).ok();
+    let file =
+        |suffix: &str| maquette_value::plain::read(&folder.join(format!("{name}{suffix}"))).ok();
     let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
     // Which of both is wrong cannot be told.
     let unlike = |suffix: &str| {

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::value::Mesh;
+use maquette_value::Mesh;
 
 /// The topology of a mesh in numbers, which must be equal before any position is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 use super::fitting::declaration_in_own_unit;
 use crate::error::{Span, code};
 use crate::text::{Body, Finding, Help, Kind, Origin, Tree, nearest, nearest_or_all};
-use crate::value::Color;
+use maquette_value::Color;
 
 /// The types that a parameter can have.
 pub(super) const TYPES: [&str; 7] =

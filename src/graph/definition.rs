@@ -22,7 +22,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, Use, code};
 use crate::paths::{PathProblem, may_read, without_dots};
 use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
-use crate::value::ValueType;
+use maquette_value::ValueType;
 
 /// Properties that are wanted, and where each stands.
 pub(super) type Wants = Vec<(&'static str, Span)>;

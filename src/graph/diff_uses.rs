@@ -8,8 +8,8 @@ use super::meaning::entries;
 use super::{Change, Difference, Graph};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
-use crate::plain;
 use crate::text::{Tree, parse};
+use maquette_value::plain;
 
 impl Graph {
     /// How two graphs differ, and those that they use, in them and so on, where both have one under the same name in different files. A

@@ -16,7 +16,7 @@ use crate::catalog::{Entry, PortDescription, ports};
 use crate::error::code;
 use crate::node::Output;
 use crate::text::{Finding, FoundLink, Kind, Name, Tree, nearest};
-use crate::value::ValueType;
+use maquette_value::ValueType;
 
 /// A node while it is checked.
 pub(super) struct Draft {

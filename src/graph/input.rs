@@ -16,7 +16,7 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem, Severity, Span, code};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::{Tree, nearest_or_all, with_article};
-use crate::value::{AnyValue, ValueType};
+use maquette_value::{AnyValue, ValueType};
 
 /// Values for the inputs of a graph, by their names.
 pub type InputValues = BTreeMap<String, AnyValue>;

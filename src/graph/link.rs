@@ -10,7 +10,7 @@ use super::top::name_of;
 use crate::error::{Span, code};
 use crate::node::Output;
 use crate::text::{FoundLink, Help, any_of, nearest_or_all, with_article};
-use crate::value::ValueType;
+use maquette_value::ValueType;
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.
 const MOST_LINKS: usize = 64;

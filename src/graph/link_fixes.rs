@@ -5,7 +5,7 @@ use super::draft::{Draft, What};
 use super::needs::Needs;
 use crate::error::{MOST_TOLD, Span};
 use crate::text::FoundLink;
-use crate::value::ValueType;
+use maquette_value::ValueType;
 
 /// What stands at a span becomes the text.
 type Edit = (Span, String);

@@ -14,9 +14,9 @@ use super::definition::World;
 use super::{Difference, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
-use crate::plain;
 use crate::text::{Kind, Tree, parse, syntax_problems};
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// The ending of lock files.
 pub(crate) const ENDING: &str = "lock.ron";

@@ -11,9 +11,9 @@ use super::link::Names;
 use super::{GraphOutput, is_name};
 use crate::error::{Span, code};
 use crate::paths::stays_inside;
-use crate::plain::ending;
 use crate::text::{Tree, with_article};
-use crate::value::ValueType;
+use maquette_value::ValueType;
+use maquette_value::plain::ending;
 
 impl Check<'_, '_> {
     /// The files that a graph gives, and those of which it is not known what they hold.

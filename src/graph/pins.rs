@@ -19,7 +19,7 @@ use super::{Files, GraphNode, Options};
 use crate::error::{Error, Problem, Severity, Source, Span, code};
 use crate::files::NodeFile;
 use crate::node::{AnyNode, Context, FilePath};
-use crate::value::{AnyValue, Hash, ValueType};
+use maquette_value::{AnyValue, Hash, ValueType};
 
 mod ancestry;
 mod bytes;

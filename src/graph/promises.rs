@@ -7,7 +7,7 @@ use super::expected::Expecting;
 use super::top::TopLevel;
 use crate::error::{Span, code};
 use crate::text::{Help, Kind, Tree, nearest_or_all, with_article};
-use crate::value::ValueType;
+use maquette_value::ValueType;
 
 impl Definition {
     /// Its outputs and the properties that it promises of them.

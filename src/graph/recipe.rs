@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use serde_json::{Value as Json, json};
 
 use crate::files::NodeFile;
-use crate::plain::ending;
 use crate::text::FILE;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain::ending;
 
 /// What a node is, apart from what comes in: all that is known when its graph is read.
 #[derive(Debug)]

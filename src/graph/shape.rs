@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::GraphNode;
 use super::needs::Needs;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// What an evaluation wants to know of a graph without touching its nodes.
 #[derive(Debug)]

@@ -21,7 +21,7 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::Tree;
-use crate::value::{AnyValue, Encoder, Hash, Memo, NoElements};
+use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
 
 /// How many elements each `ForEach` over data has, by its name, as far as that is known.
 pub(crate) type Counts = BTreeMap<String, Count>;

@@ -11,7 +11,7 @@ use super::recipe::Recipe;
 use crate::error::{Error, Problem, Severity, code};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::Tree;
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
 
 /// What stands for a node of an unknown type, with what the check tells of it.
 struct Unknown(Option<Problem>);

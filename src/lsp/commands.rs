@@ -16,7 +16,7 @@ use super::place::{Lines, path_of};
 use super::{Client, Server, real};
 use crate::error::Span;
 use crate::paths::project_root;
-use crate::plain::read_text;
+use maquette_value::plain::read_text;
 
 /// The commands, as editors name them.
 pub(super) const COMMANDS: [&str; 5] =

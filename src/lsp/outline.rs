@@ -7,7 +7,7 @@ use super::scope::{Declared, Scope};
 use super::slot::{Slot, Slots};
 use crate::error::Span;
 use crate::text::{Frame, Passed, Token, TypedKind, each_word, tokens, unit_names};
-use crate::value::Color;
+use maquette_value::Color;
 
 /// An entry of a section, from its name to the end of its value.
 pub(super) struct Symbol {

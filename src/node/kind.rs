@@ -8,7 +8,7 @@ use super::{Carry, Context, FilePath, Node, Outputs, Previous, Source, Term};
 use crate::error::Error;
 use crate::limit::Estimate;
 use crate::text::Reader;
-use crate::value::{AnyValue, ValueType};
+use maquette_value::{AnyValue, ValueType};
 
 /// What the engine knows of a node. Made by [`node`].
 #[derive(Clone, Copy)]

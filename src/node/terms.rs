@@ -1,6 +1,6 @@
 //! What a node wants of the values that come in, and promises of those that it gives.
 
-/// A [property](crate::value::Property) that a node wants of the values at a port. It is tested before the node runs, once per value,
+/// A [property](maquette_value::Property) that a node wants of the values at a port. It is tested before the node runs, once per value,
 /// unless whoever gives the value promises it.
 pub struct Want<N> {
     pub(crate) port: &'static str,
@@ -8,7 +8,7 @@ pub struct Want<N> {
     pub(crate) when: Option<When<N>>,
 }
 
-/// A [property](crate::value::Property) of the values at an output, which nobody needs to test.
+/// A [property](maquette_value::Property) of the values at an output, which nobody needs to test.
 pub struct Promise<N> {
     pub(crate) output: &'static str,
     pub(crate) property: &'static str,
@@ -165,7 +165,7 @@ impl Term {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{Mesh, Value};
+    use maquette_value::{Mesh, Value};
 
     #[test]
     fn who_keeps_the_faces_of_a_mesh_keeps_all_that_may_hold_of_it() {

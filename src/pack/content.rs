@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use blake3::hazmat::{self, ChainingValue, HasherExt, Mode};
 
-use crate::memory::huge_vec;
-use crate::parallel::*;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
 
 /// So many bytes are made and written at a time: few enough to stay in a core's cache in between, and a power of two, so that each piece
 /// is a subtree of the hash of all.

@@ -8,8 +8,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::plain;
 use crate::writing;
+use maquette_value::plain;
 
 /// Port and token of a page.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
 
-use crate::value::{AnyValue, Attribute, Attributes, Axes, Layer, Mesh, TriangleTree};
+use maquette_value::{AnyValue, Attribute, Attributes, Axes, Layer, Mesh, TriangleTree};
 
 /// How far beside the ray a point may be if nothing else is said: a share of its distance.
 const RADIUS: f64 = 0.01;
@@ -213,7 +213,7 @@ fn values(attributes: &Attributes, element: usize) -> Json {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{Arrows, Cloud, Faces, Lines, Points};
+    use maquette_value::{Arrows, Cloud, Faces, Lines, Points};
 
     fn pick(layers: Vec<Layer>, sight: &Json) -> Json {
         let axes = layers.iter().find_map(Layer::axes).unwrap_or_default();

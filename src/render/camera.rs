@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{Aim, Projection, SAMPLES, View};
-use crate::value::{Mesh, bounds};
+use maquette_value::{Mesh, bounds};
 
 /// Parts of a sample that a vertex's place is rounded to.
 pub(super) const PARTS: i32 = 16;

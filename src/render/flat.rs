@@ -1,8 +1,8 @@
 //! Flat pictures: what a value shows as a picture, on the one that it was made from.
 
 use super::light::{linear, srgb};
-use crate::parallel::*;
-use crate::value::{Image, Layer, PLAIN, Picture, Registration, Rgb};
+use maquette_value::parallel::*;
+use maquette_value::{Image, Layer, PLAIN, Picture, Registration, Rgb};
 
 /// How bright a picture is where nothing lies on it: darker, and it can no longer be made out; brighter, and what does lie on it is not
 /// seen at once.
@@ -33,7 +33,7 @@ pub struct Below<'a> {
 #[derive(Clone)]
 pub(crate) struct Ground {
     /// An [`Image`].
-    pub(crate) image: crate::value::AnyValue,
+    pub(crate) image: maquette_value::AnyValue,
     pub(crate) registration: Option<Registration>,
 }
 

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use super::{each, four, padded};
-use crate::value::{Rgb, linear_from_srgb, srgb_from_linear};
+use maquette_value::{Rgb, linear_from_srgb, srgb_from_linear};
 
 /// Untextured surfaces: a warm light gray, sRGB (206, 199, 190).
 pub(super) const CLAY: Light = [0.617, 0.571, 0.515, 0.0];

@@ -8,9 +8,9 @@ use super::camera::PARTS;
 use super::light::{self, Light};
 use super::scene::{Facet, Scene, Triangle};
 use super::{BAND, SAMPLES, each, four};
-use crate::parallel::*;
-use crate::simd::{Kernel, widest};
-use crate::value::Rgb;
+use maquette_value::Rgb;
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, widest};
 
 /// Triangles that one task sorts into bands.
 const CHUNK: usize = 16_384;

@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 use super::camera::{Camera, Spot};
 use super::light::{self, Light};
 use super::{each, four, padded};
-use crate::parallel::*;
-use crate::value::{Image, Mesh, Rgb};
+use maquette_value::parallel::*;
+use maquette_value::{Image, Mesh, Rgb};
 
 /// Vertices that one task transforms.
 const CHUNK: usize = 4096;

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Aim, View};
-use crate::value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
+use maquette_value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 
 /// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
 ///
@@ -271,7 +271,7 @@ impl Pieces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{Arrows, Lines, TYPES};
+    use maquette_value::{Arrows, Lines, TYPES};
 
     /// How many pixels of a square picture show something.
     fn seen(layers: &[Layer], side: usize) -> usize {

@@ -1,7 +1,7 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::value::{
+use maquette_value::{
     Attribute, Axes, CaptureFrame, Faces, Lines, PLAIN, Picture, Registration, TYPES,
 };
 

@@ -9,7 +9,7 @@ use crate::eval::Disk;
 use crate::files::{KnownFile, NodeFile, Reads};
 use crate::graph::Graph;
 use crate::paths::{project_root, within};
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// The files that a graph reads.
 #[derive(Default)]

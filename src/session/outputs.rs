@@ -17,12 +17,12 @@ use crate::eval::{Evaluation, Evaluator, or_panic};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::{Content, Kept, NewFile, Pieces};
-use crate::parallel::*;
-use crate::plain;
 use crate::provenance::Signature;
 use crate::stamp::Stamp;
-use crate::value::Hash;
 use crate::writing::{Destination, Last, Refused, Rewritten, Sources, Spare, write_at};
+use maquette_value::Hash;
+use maquette_value::parallel::*;
+use maquette_value::plain;
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]

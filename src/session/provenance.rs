@@ -8,7 +8,7 @@ use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
 use crate::paths::{folder_of_new, project_root, within};
 use crate::provenance::{Provenance, Signature, short};
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// Tells of the outputs of a graph.
 pub(crate) struct Teller<'a> {

@@ -8,7 +8,7 @@ use crate::eval::Evaluation;
 use crate::golden::{self, Violation};
 use crate::graph::{Expected, Graph};
 use crate::node::CancelToken;
-use crate::value::{AnyValue, Hash};
+use maquette_value::{AnyValue, Hash};
 
 /// So many verdicts are kept of a graph, beside as many as it has expectations.
 const MOST: usize = 1000;

@@ -10,7 +10,7 @@ use crate::format::handles;
 use crate::golden::case::{self, TestFile};
 use crate::graph::{Graph, InputValues, Options};
 use crate::text::first_word;
-use crate::value::HandleSpace;
+use maquette_value::HandleSpace;
 
 /// What the `.ron` files of a project are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

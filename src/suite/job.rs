@@ -14,8 +14,8 @@ use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
 use crate::graph::{Expected, Graph, GraphOutput, Options};
 use crate::session::{Finished, Run, Session, Wanted};
-use crate::value::AnyValue;
 use crate::writing::{self, Sources};
+use maquette_value::AnyValue;
 
 /// A tolerance this many times wider than what was ever needed is worth a word.
 const TOO_WIDE: f64 = 10.0;

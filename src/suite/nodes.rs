@@ -153,7 +153,7 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
         let mut parameters = node.recipe.parameters.clone();
         without_machine(&mut parameters);
         let files = node.files.iter().filter_map(|file| {
-            let hash = crate::Hash::of(&crate::plain::read(&file.path).ok()?);
+            let hash = maquette_value::Hash::of(&maquette_value::plain::read(&file.path).ok()?);
             Some(format!(" {} {}", file.given, hash.short()))
         });
         let files: String = files.collect();

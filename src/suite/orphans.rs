@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::{FOLDER, NODES, SUFFIXES, beside, jobs_of};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::kept_in;
-use crate::plain;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// The goldens in a folder by name, each with its files.
 pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {

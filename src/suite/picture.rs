@@ -8,7 +8,7 @@ use crate::golden::compare::{distances, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::store::{Golden, every, picture_of};
 use crate::render::{View, render};
-use crate::value::{AnyValue, Attribute, Image, Mesh, Rgb};
+use maquette_value::{AnyValue, Attribute, Image, Mesh, Rgb};
 
 /// A picture with its caption; two are shown in turn.
 pub(crate) struct Figure {

@@ -17,8 +17,8 @@ use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::{any_of, with_article};
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
-use crate::plain::ending;
-use crate::value::Color;
+use maquette_value::Color;
+use maquette_value::plain::ending;
 
 /// A link that a port holds.
 #[derive(Clone, Debug, PartialEq)]

@@ -216,7 +216,7 @@ impl Attributes {
     }
 
     /// All of them as columns, whose names begin with `of`.
-    pub(crate) fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
+    pub fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
         let part = move |(name, attribute): (&'a String, &'a Attribute)| {
             attribute.part(format!("{of}{name}"), on, name == "normal")
         };

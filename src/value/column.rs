@@ -48,7 +48,7 @@ impl<T> Drop for Shared<T> {
 
 impl<T: NoUninit + Send + Sync> Column<T> {
     /// The hash of the items' bytes and their number.
-    pub(crate) fn hash(&self) -> Hash {
+    pub fn hash(&self) -> Hash {
         *self.0.hash.get_or_init(|| {
             let one = of_one_block(self.len(), self.bytes());
             one.unwrap_or_else(|| self.blocks().whole())
@@ -65,7 +65,7 @@ impl<T: NoUninit + Send + Sync> Column<T> {
     }
 
     /// Hashes what tells the items in these rows, and where they are, from others. It looks at no item if the hash of the column is known.
-    pub(crate) fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
+    pub fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
         if rows.is_empty() {
             return;
         }
@@ -169,7 +169,7 @@ impl<T> Column<T> {
     }
 
     /// A column of which the hash is known.
-    pub(crate) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
+    pub fn of_hash(items: Vec<T>, hash: Hash) -> Self {
         let column = Self(Arc::new(Shared::new(items)));
         let _ = column.0.hash.set(hash);
         column

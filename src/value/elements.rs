@@ -42,10 +42,10 @@ pub(crate) type Cut = Option<Found>;
 
 /// What the engine knows of one way to take values of a type apart.
 #[derive(Clone, Copy)]
-pub(crate) struct ElementType {
-    pub(crate) word: &'static str,
-    pub(crate) name: &'static str,
-    pub(crate) kind: &'static ValueType,
+pub struct ElementType {
+    pub word: &'static str,
+    pub name: &'static str,
+    pub kind: &'static ValueType,
 }
 
 impl ElementType {

@@ -116,9 +116,12 @@ pub fn hash_of<T: Value>(value: &T) -> Hash {
 }
 
 /// A column, of whatever items.
-pub(crate) trait Bytes: Send + Sync {
+pub trait Bytes: Send + Sync {
+    /// The hash of its bytes.
     fn hash(&self) -> Hash;
+    /// Its bytes, of the machine's byte order.
     fn bytes(&self) -> &[u8];
+    /// How many items it has.
     fn items(&self) -> usize;
 }
 
@@ -137,11 +140,13 @@ impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
 }
 
 /// A value's content as it is kept: its bytes, and the large columns that they name by hash.
-pub(crate) struct Kept {
-    pub(crate) bytes: Vec<u8>,
-    pub(crate) columns: Vec<Arc<dyn Bytes>>,
+pub struct Kept {
+    /// Everything but the large columns.
+    pub bytes: Vec<u8>,
+    /// The large columns.
+    pub columns: Vec<Arc<dyn Bytes>>,
     /// False if something has written into the value's memory, so that the bytes no longer have the value's hash.
-    pub(crate) is_intact: bool,
+    pub is_intact: bool,
 }
 
 /// In memory, the columns are those that were taken.
@@ -163,7 +168,7 @@ pub(super) fn keep<T: Value>(value: &T) -> Kept {
 }
 
 /// Where large columns come from.
-pub(crate) trait Columns {
+pub trait Columns {
     /// Fills `into` with the column of this hash; false if there is none of this length.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool;
 

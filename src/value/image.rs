@@ -222,7 +222,7 @@ impl Lab {
 }
 
 /// The light of an 8-bit sRGB channel, 0 to 1 (IEC 61966-2-1).
-pub(crate) fn linear_from_srgb(channel: u8) -> f32 {
+pub fn linear_from_srgb(channel: u8) -> f32 {
     static TABLE: LazyLock<[f32; 256]> = LazyLock::new(|| {
         std::array::from_fn(|i| {
             let c = i as f64 / 255.0;
@@ -234,7 +234,7 @@ pub(crate) fn linear_from_srgb(channel: u8) -> f32 {
 }
 
 /// The 8-bit sRGB channel of a light from 0 to 1, clamped: the inverse of [`linear_from_srgb`].
-pub(crate) fn srgb_from_linear(light: f64) -> u8 {
+pub fn srgb_from_linear(light: f64) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let c = if light <= 0.0031308 {
         light * 12.92

@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use super::{Column, Image, Mesh, Points, Registration, Rgb};
 
 /// The color of the background, and so of pixels of a drawn picture that show nothing.
-pub(crate) const PLAIN: Rgb = [24, 26, 32];
+pub const PLAIN: Rgb = [24, 26, 32];
 
 /// One drawing of a value. A value gives several if they belong together, the most important one first.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,14 +68,14 @@ pub enum Axes {
 
 impl Axes {
     /// A place with these axes in other ones: half a turn about x leads from the sensor's to upright ones, and back.
-    pub(crate) fn turned(self, place: Point3<f64>, to: Self) -> Point3<f64> {
+    pub fn turned(self, place: Point3<f64>, to: Self) -> Point3<f64> {
         if self == to { place } else { Point3::new(place.x, -place.y, -place.z) }
     }
 }
 
 impl Layer {
     /// The axes of what lies in space; none of pictures and plots.
-    pub(crate) fn axes(&self) -> Option<Axes> {
+    pub fn axes(&self) -> Option<Axes> {
         match self {
             Self::Triangles(mesh) if mesh.frame().is_some() => Some(Axes::Sensor),
             Self::Triangles(_) => Some(Axes::Upright),

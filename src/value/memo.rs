@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, ValueType};
 
-/// What [`Context::memo`](crate::Context::memo) asks by, and what it remembers: plans, trees, factors. It is no
+/// What [`Context::memo`](maquette::Context::memo) asks by, and what it remembers: plans, trees, factors. It is no
 /// value of a graph: it stays in memory, and cannot be shown.
 pub trait Memo: Clone + Send + Sync + 'static {
     /// A name that no other type of a program's memos has.
@@ -19,7 +19,7 @@ pub trait Memo: Clone + Send + Sync + 'static {
 }
 
 /// The hash of a memo's type and content.
-pub(crate) fn hash_of_memo<T: Memo>(memo: &T) -> Hash {
+pub fn hash_of_memo<T: Memo>(memo: &T) -> Hash {
     Encoder::hash(T::NAME, |to| memo.encode(to))
 }
 
@@ -49,13 +49,13 @@ impl<T: Memo> TypeOf<T> {
 
 impl AnyValue {
     /// A memo as the cache keeps it.
-    pub(crate) fn of_memo<T: Memo>(memo: T) -> Self {
+    pub fn of_memo<T: Memo>(memo: T) -> Self {
         let hash = hash_of_memo(&memo);
         Self { kind: &TypeOf::<T>::TYPE, hash, value: Arc::new(memo) }
     }
 
     /// The memo that the cache kept, if it is a `T`.
-    pub(crate) fn memo<T: Any>(&self) -> Option<&T> {
+    pub fn memo<T: Any>(&self) -> Option<&T> {
         self.value.downcast_ref()
     }
 }

@@ -357,7 +357,7 @@ fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
 }
 
 /// Lowest and highest coordinates; none without points.
-pub(crate) fn bounds<'a>(
+pub fn bounds<'a>(
     mut points: impl Iterator<Item = &'a Point3<f64>>,
 ) -> Option<(Point3<f64>, Point3<f64>)> {
     let first = *points.next()?;

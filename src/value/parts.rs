@@ -203,7 +203,7 @@ pub struct Range {
 }
 
 /// The range of each component of elements of `width` numbers; none where no number is finite. What is not finite does not count.
-pub(crate) fn ranges(numbers: &[f64], width: usize) -> Vec<Option<Range>> {
+pub fn ranges(numbers: &[f64], width: usize) -> Vec<Option<Range>> {
     let of = |component| {
         let column = numbers.iter().skip(component).step_by(width).filter(|x| x.is_finite());
         let start = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);

@@ -184,7 +184,7 @@ fn one_by_one(points: &Points, most: usize) -> Result<Vec<AnyValue>, NoElements>
 const BLOCK: usize = 8192;
 
 /// The first point with a coordinate that is no number or infinite.
-pub(crate) fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
+pub fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
     points.par_chunks(BLOCK).enumerate().find_map_first(|(block, points)| {
         // Without a branch for each point, so that wide vectors look at several coordinates at once.
         let coordinates = bytemuck::cast_slice::<_, f64>(points);

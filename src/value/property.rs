@@ -87,7 +87,7 @@ impl Offence {
     }
 
     /// Marks the elements on what is seen of the value.
-    pub(crate) fn mark(&self, layers: &mut Vec<Layer>) {
+    pub fn mark(&self, layers: &mut Vec<Layer>) {
         let axes: Axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
         let outlines = Vec::from_iter(self.elements.iter().map(|it| it.outline.clone()));
         if !outlines.is_empty() {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::SystemTime;
 
 #[cfg(unix)]
-use crate::plain;
+use maquette_value::plain;
 
 /// From so many bytes on it pays.
 const LARGE: usize = 16 << 20;

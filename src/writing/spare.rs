@@ -63,7 +63,7 @@ impl<T> Spare<T> {
 
 /// The file at this path, locked as one that is being written, if it is the one with this stamp and has no other name.
 fn old_at(path: &Path, stamp: Stamp) -> Option<File> {
-    crate::plain::is_own(path).then_some(())?;
+    maquette_value::plain::is_own(path).then_some(())?;
     let file = File::options().read(true).write(true).open(path).ok()?;
     let metadata = file.metadata().ok()?;
     let is_it = Stamp::new(&metadata) == stamp && has_one_name(&metadata);

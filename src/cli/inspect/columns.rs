@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde_json::{Value as Json, json};
 
 use crate::golden::six;
-use crate::value::{Part, Parts, Range};
+use maquette_value::{Part, Parts, Range};
 
 /// Of elements with more numbers than that, one range of all numbers is printed.
 const WIDE: usize = 4;
@@ -35,7 +35,7 @@ pub(super) fn table(parts: &Parts<'_>) -> String {
 fn row(part: &Part<'_>) -> [String; 8] {
     let ranges = match part.width {
         ..=WIDE => part.ranges(),
-        _ => crate::value::ranges(&part.items.numbers(), 1),
+        _ => maquette_value::ranges(&part.items.numbers(), 1),
     };
     let numbers = |of: fn(&Range) -> f64| {
         let number = |range: &Option<Range>| range.as_ref().map_or("-".into(), |it| six(of(it)));

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::{Point3, center};
 
-use crate::value::{AnyValue, Meaning, Mesh, On, Part};
+use maquette_value::{AnyValue, Meaning, Mesh, On, Part};
 
 /// Elements of more numbers than this are no columns of a table.
 const WIDEST: usize = 16;

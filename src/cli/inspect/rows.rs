@@ -9,7 +9,7 @@ use super::elements::{Elements, Numbers, kinds, plural};
 use crate::golden::six;
 use crate::graph::Condition;
 use crate::text::unknown;
-use crate::value::{AnyValue, On, Range, ranges};
+use maquette_value::{AnyValue, On, Range, ranges};
 
 /// So many rows are printed if nothing else is said.
 const FEW: usize = 20;

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use crate::catalog::Catalog;
 use crate::cli::counted;
-use crate::plain::ending;
-use crate::value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
 
 /// The types of values that are scans, in the order in which a file is tried.
 pub(super) const KINDS: [&str; 3] = [RangeImage::NAME, Mesh::NAME, Points::NAME];
@@ -222,7 +222,7 @@ fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
     let has_camera = value.get::<RangeImage>().is_some_and(|range| range.camera().is_some());
     let (bounds, size) = if let Some(range) = value.get::<RangeImage>() {
         let there = range.points().iter().filter(|point| point.x.is_finite());
-        (crate::value::bounds(there), Some([range.width(), range.height()]))
+        (maquette_value::bounds(there), Some([range.width(), range.height()]))
     } else if let Some(mesh) = value.get::<Mesh>() {
         (mesh.bounds().filter(|_| !mesh.faces().is_empty()), None)
     } else {

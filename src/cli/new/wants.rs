@@ -6,9 +6,9 @@ use super::scans::{KINDS, Scan, in_words};
 use crate::catalog::Catalog;
 use crate::pack::Recipe;
 use crate::paths::path_between;
-use crate::plain::ending;
 use crate::text::{Field, Kind, Tree, parse, quoted};
-use crate::value::{Image, Value as _};
+use maquette_value::plain::ending;
+use maquette_value::{Image, Value as _};
 
 /// The files that the nodes of a recipe read.
 #[derive(Clone)]

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::Place;
-use crate::plain;
 use crate::text::{parse, read_tree};
 use crate::writing::{Destination, Refused, Sources, Turn, rewrite};
+use maquette_value::plain;
 
 pub(in crate::cli) const ENDING: &str = "layout.ron";
 

@@ -20,7 +20,7 @@ use crate::eval::NodeTrace;
 use crate::graph::{Graph, InputValues, Options};
 use crate::node::CancelToken;
 use crate::session::{self, Finished, Session, Wanted};
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
 
 /// What the thread is to do.
 pub(super) enum Job {

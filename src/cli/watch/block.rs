@@ -265,7 +265,7 @@ mod tests {
     use crate::error::{Source, Span, code};
     use crate::eval::{NodeTrace, RunTrace};
     use crate::session::Written;
-    use crate::value::Hash;
+    use maquette_value::Hash;
 
     fn node(name: &str, state: State, reason: &str) -> NodeTrace {
         NodeTrace {

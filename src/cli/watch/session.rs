@@ -22,9 +22,9 @@ use crate::error::{Problem, Severity, code};
 use crate::graph::{Checked, Graph, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
-use crate::value::Hash;
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
+use maquette_value::Hash;
 
 mod page;
 

@@ -17,7 +17,7 @@ use crate::node::CancelToken;
 use crate::page::{Shown, Viewed, Views};
 use crate::render::picture_of;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
-use crate::value::AnyValue;
+use maquette_value::AnyValue;
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
 /// one run needs, so that a day of changes does not fill the memory.
@@ -372,12 +372,12 @@ mod tests {
     }
 
     impl crate::node::Node for Faulty {
-        type Outputs = (crate::value::Mask,);
+        type Outputs = (maquette_value::Mask,);
         const OUTPUTS: [&'static str; 1] = ["mask"];
 
         fn eval(&self, _: &crate::node::Context<'_>) -> Result<Self::Outputs, crate::error::Error> {
             assert!(!self.panics, "a fault");
-            Ok((crate::value::Mask::new(1, 1, vec![1])?,))
+            Ok((maquette_value::Mask::new(1, 1, vec![1])?,))
         }
     }
 

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use super::folder::{self, Found, What, contents};
 use super::seal::unsealed;
 use super::{Disk, DiskError, entry, program};
-use crate::parallel::*;
-use crate::plain;
-use crate::value::Hash;
 use crate::writing::{is_abandoned, remove};
+use maquette_value::Hash;
+use maquette_value::parallel::*;
+use maquette_value::plain;
 
 /// What is wrong with a cache folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

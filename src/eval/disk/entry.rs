@@ -6,7 +6,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::super::cache::{Outcome, Values};
-use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
+use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
 
 /// What stands at the start of every entry: the format's name and version.
 const MAGIC: &[u8; 8] = b"maqent03";

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::{DiskError, FOLDERS, program};
-use crate::plain;
-use crate::value::Hash;
 use crate::writing::{is_temporary, make_folder, write_whole};
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// The file that tells backup programs to leave a folder out (bford.info/cachedir), and us that it is ours.
 pub(super) const TAG: &str = "CACHEDIR.TAG";

@@ -12,10 +12,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
 use crate::catalog::{Catalog, Code};
-use crate::plain;
 use crate::stamp::Stamp;
-use crate::value::Hash;
 use crate::writing::write_parts;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 /// Whether this process is a program of its own, and no host that has loaded a library.
 static IS_OWN: AtomicBool = AtomicBool::new(false);

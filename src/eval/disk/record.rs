@@ -12,7 +12,7 @@ use super::super::snapshot::{Done, Snapshot};
 use super::Store;
 use crate::files::KnownFile;
 use crate::graph::Recipe;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 #[derive(Serialize, Deserialize)]
 struct Record {

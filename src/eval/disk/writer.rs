@@ -11,8 +11,8 @@ use super::super::lock;
 use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
 use crate::files::KnownFile;
-use crate::value::{AnyValue, Hash};
 use crate::writing::bring_to_disk;
+use maquette_value::{AnyValue, Hash};
 
 /// Something to write.
 pub(super) enum Job {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::node::{Context, FilePath, In, Node, Previous, node};
 use crate::pack::Pack;
-use crate::value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
+use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 
 /// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
 #[derive(Clone, Debug)]

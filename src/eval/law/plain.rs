@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use crate::eval::key::Parts;
 use crate::graph::{Graph, GraphNode};
 use crate::node::{Context, File, Progress};
-use crate::value::{AnyValue, Hash};
+use maquette_value::{AnyValue, Hash};
 
 /// What is true of a node.
 pub(super) enum Truth {

@@ -8,7 +8,7 @@ use crate::eval::trace::Reason;
 use crate::eval::why::Outlook;
 use crate::eval::{Evaluation, Forecast, State};
 use crate::graph::{Graph, Link};
-use crate::value::{AnyValue, Hash};
+use maquette_value::{AnyValue, Hash};
 
 /// Makes a promise.
 macro_rules! promise {

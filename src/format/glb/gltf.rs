@@ -5,10 +5,10 @@ use serde_json::{Value as Json, json};
 use thiserror::Error;
 
 use super::{GlbReadError, container, read};
-use crate::base64::bytes_of;
 use crate::error;
 use crate::reading::{FileReader, Reading};
-use crate::value::Mesh;
+use maquette_value::Mesh;
+use maquette_value::base64::bytes_of;
 
 /// Why bytes are not a mesh in a glTF file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -144,9 +144,9 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::base64::base64;
     use crate::format::png;
-    use crate::value::{Attribute, Faces, Image};
+    use maquette_value::base64::base64;
+    use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
 
     fn mesh() -> Mesh {

@@ -8,7 +8,7 @@ use super::accessor::{Buffer, Document, Node};
 use super::read::GlbReadError;
 use crate::format::corners::{FaceList, with_corners};
 use crate::format::picture_file;
-use crate::value::{Attribute, Column, Image, Mesh, MeshError, Rgb, srgb_from_linear};
+use maquette_value::{Attribute, Column, Image, Mesh, MeshError, Rgb, srgb_from_linear};
 
 /// glTF has meters.
 const MILLIMETERS: f64 = 1000.0;

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, words};
-use crate::value::{Curve, KnotVector};
+use maquette_value::{Curve, KnotVector};
 
 /// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
 /// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.
@@ -159,7 +159,7 @@ fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError>
 mod tests {
     use super::*;
     use crate::format::hostile;
-    use crate::value::CurveError;
+    use maquette_value::CurveError;
 
     const ELLIPSE: &[u8] = include_bytes!("../../../tests/data/formats/ellipse12.obj");
 

@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::format::upright::upright_surface;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Curve, KnotVector, Surface};
+use maquette_value::{Curve, KnotVector, Surface};
 
 /// Writes a polyline as a line, a B-spline as a free-form curve.
 pub(in crate::format) struct CurveObj;
@@ -104,7 +104,7 @@ mod tests {
 
     use super::super::read_curve;
     use super::*;
-    use crate::value::ControlNet;
+    use maquette_value::ControlNet;
 
     fn written<F: FileFormat>(value: &F::Value) -> String {
         String::from_utf8(F::write(value, "a.obj").unwrap().remove(0).bytes).unwrap()

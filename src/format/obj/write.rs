@@ -9,10 +9,10 @@ use crate::format::corners::split;
 use crate::format::upright::upright;
 use crate::format::{check_mesh, coarse_mesh, png};
 use crate::pack::{Content, FileFormat, NewFile};
-use crate::parallel::*;
 use crate::provenance::{Signature, comment_of_obj};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Column, Mesh, Rgb};
+use maquette_value::parallel::*;
+use maquette_value::{Column, Mesh, Rgb};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(in crate::format) struct MeshObj;
@@ -216,7 +216,7 @@ mod tests {
 
     use super::*;
     use crate::format::obj::read;
-    use crate::value::{Attribute, Faces, Image};
+    use maquette_value::{Attribute, Faces, Image};
 
     fn mesh() -> Mesh {
         let at = |x: f64, y: f64| Point3::new(x, y, -0.125);

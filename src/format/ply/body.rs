@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
 use crate::format::{At, excerpt, parse};
-use crate::parallel::*;
-use crate::value::Faces;
+use maquette_value::Faces;
+use maquette_value::parallel::*;
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {

@@ -6,7 +6,7 @@ use super::body::{Body, Rows};
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::{Column, PlyError, Table};
 use crate::format::corners::FaceList;
-use crate::value::Faces;
+use maquette_value::Faces;
 
 /// The corners of all faces, and their texture coordinates.
 #[derive(Default)]

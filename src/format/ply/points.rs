@@ -8,7 +8,7 @@ use crate::format::upright::upright_points;
 use crate::format::{check_single, coarse, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
+use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
 /// Writes the points of a region.
 pub(in crate::format) struct RegionPly;
@@ -132,7 +132,7 @@ mod tests {
 
     use super::*;
     use crate::format::ply::{read, read_points};
-    use crate::value::{Handle, HandleSpace};
+    use maquette_value::{Handle, HandleSpace};
 
     #[test]
     fn a_range_image_becomes_its_valid_points() {

@@ -7,7 +7,7 @@ use super::body::Body;
 use super::header::{self, Element, Header};
 use super::{PlyError, Property, RGB, Table, skip};
 use crate::format::range_file::{Axes, RangeFile, Rows};
-use crate::value::RangeImage;
+use maquette_value::RangeImage;
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
 ///

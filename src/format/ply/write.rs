@@ -14,7 +14,7 @@ use crate::format::{TooFar, check_mesh, coarse_mesh, finite};
 use crate::pack::{Content, FileFormat, NewFile};
 use crate::provenance::{Signature, comment_of_ply};
 use crate::reading::{FileReader, Reading};
-use crate::value::{Attribute, Column, ControlNet, Faces, Mesh};
+use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;
@@ -398,7 +398,7 @@ mod tests {
 
     use super::*;
     use crate::format::ply::read;
-    use crate::value::Image;
+    use maquette_value::Image;
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

@@ -6,9 +6,9 @@ use super::columns::{difference, in_words, judge, measure, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::topology::Topology;
-use crate::parallel::*;
-use crate::value::{AnyValue, Attributes, Mesh};
-use crate::value::{NearestPlace, TriangleTree};
+use maquette_value::parallel::*;
+use maquette_value::{AnyValue, Attributes, Mesh};
+use maquette_value::{NearestPlace, TriangleTree};
 
 /// Compares two meshes, of which the columns of the old one may be off by what `error` says for each name.
 pub(crate) fn compare_meshes(
@@ -232,7 +232,7 @@ fn attributes(
         let unknown = now.iter().filter(|part| !before.iter().any(|old| old.name == part.name));
         reasons.extend(unknown.map(|part| format!("`{}{}` is new", of.word(), part.name)));
     }
-    let rest = |mesh: &Mesh| (mesh.creases().len(), mesh.texture().map(crate::value::hash_of));
+    let rest = |mesh: &Mesh| (mesh.creases().len(), mesh.texture().map(maquette_value::hash_of));
     if rest(old).0 != rest(new).0 {
         reasons.push(format!("creases: {} -> {}", rest(old).0, rest(new).0));
     }

@@ -1,9 +1,10 @@
 //! A mark of meshes and points that does not change when their elements change places.
 
 use crate::golden::parts::{GoldenColumn, GoldenParts};
-use crate::parallel::*;
-use crate::random::{self, STEP};
-use crate::value::{AnyValue, Attributes, Mesh, Points};
+use maquette_value::parallel::*;
+use maquette_value::random;
+use maquette_value::random::STEP;
+use maquette_value::{AnyValue, Attributes, Mesh, Points};
 
 /// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
 pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {
@@ -48,7 +49,7 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
     });
     let creases: Vec<u64> = creases.collect();
     let texture = mesh.texture().map_or(0, |texture| {
-        u64::from_le_bytes(crate::value::hash_of(texture).0[..8].try_into().unwrap_or_default())
+        u64::from_le_bytes(maquette_value::hash_of(texture).0[..8].try_into().unwrap_or_default())
     });
     let frame = mesh.frame().map_or(0, |frame| {
         let mut numbers =

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::value::{Attribute, Faces, Image, Trace, TraceStep};
+use maquette_value::{Attribute, Faces, Image, Trace, TraceStep};
 
 /// A wavy sheet of quads split in two, `n` x `n` vertices.
 fn sheet(n: u32) -> Mesh {

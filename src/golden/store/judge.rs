@@ -12,7 +12,7 @@ use crate::golden::compare::{
 };
 use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::golden::sketch::Sketch;
-use crate::value::{AnyValue, Image, Mesh};
+use maquette_value::{AnyValue, Image, Mesh};
 
 /// What is said of a golden that an earlier program wrote.
 const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
@@ -367,7 +367,7 @@ mod tests {
     use super::*;
     use crate::golden::compare::Keep;
     use crate::golden::store::{files, read};
-    use crate::value::{
+    use maquette_value::{
         CaptureFrame, Column, ControlNet, Encoder, Faces, KnotVector, Mask, Meaning, On, Parts,
         Summary, Surface, Value,
     };

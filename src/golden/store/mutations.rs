@@ -4,8 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Golden, files, read};
 use crate::golden::compare::{Tolerance, Verdict};
-use crate::random::{STEP, even, mix};
-use crate::value::{
+use maquette_value::random::{STEP, even, mix};
+use maquette_value::{
     AnyValue, Attribute, ControlNet, Curve, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
     Points, RangeImage, Surface,
 };

@@ -11,8 +11,8 @@ use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
 use crate::golden::compare::Tolerance;
 use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
-use crate::parallel::*;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::parallel::*;
 
 mod coder;
 mod faces;

@@ -8,8 +8,8 @@ use crate::catalog::Catalog;
 use crate::graph::meaning::entries;
 use crate::graph::patch::patched_tree;
 use crate::graph::{Files, Graph, Options};
-use crate::plain::read_text;
 use crate::text::{Kind, Tree, parse};
+use maquette_value::plain::read_text;
 
 impl Graph {
     /// The text of a test of some graphs with the new names of all fields that it sets.

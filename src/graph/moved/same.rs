@@ -7,7 +7,7 @@ use crate::graph::edit::Judge;
 use crate::graph::expectation::Expectation;
 use crate::graph::{Checked, Graph, GraphNode};
 use crate::paths::without_dots;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// What a graph computes: equal for two graphs whose nodes have equal keys, whatever they are called and in which order they come.
 #[derive(Clone, Debug, PartialEq)]

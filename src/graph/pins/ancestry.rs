@@ -10,7 +10,7 @@ use crate::files::{Known, NodeFile, Reads};
 use crate::graph::difference::{in_short, parameter_difference, parameter_name};
 use crate::graph::{GraphNode, Link};
 use crate::reading::Readers;
-use crate::value::Hash;
+use maquette_value::Hash;
 
 /// What a result was computed from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

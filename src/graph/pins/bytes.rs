@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
+use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
 
 const MAGIC: &[u8] = b"maqpin01";
 

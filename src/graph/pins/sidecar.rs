@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use super::{Ancestry, ENDING, Pin, Pins};
 use crate::error::{Problem, Source, Span, code};
-use crate::plain;
 use crate::text::{Body, Kind, Tree, parse, syntax_problems};
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 impl Pins {
     /// The pins of a graph; none if there is no file of them.

@@ -7,8 +7,8 @@ use std::slice;
 use bytemuck::Pod;
 
 use super::{Fans, Leaning, Normals, Own, Paint, Ruler, Seen, Shape};
-use crate::parallel::*;
-use crate::value::{Column, Mesh, hash_of};
+use maquette_value::parallel::*;
+use maquette_value::{Column, Mesh, hash_of};
 
 impl Shape {
     /// What [`new`](Self::new) makes of this mesh, if it is the one here with some vertices elsewhere and there are as many vertices to be
@@ -113,8 +113,8 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::random::Random;
-    use crate::value::{Attribute, Faces, Image};
+    use maquette_value::random::Random;
+    use maquette_value::{Attribute, Faces, Image};
 
     /// A sheet of triangles or quads with spikes, at which faces lean.
     fn sheet(width: u32, sides: usize) -> Mesh {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Shape;
-use crate::value::{Attribute, Mesh, On};
+use maquette_value::{Attribute, Mesh, On};
 
 /// Numbers that a mesh has, to be shown as colors.
 #[derive(Clone)]

@@ -12,7 +12,7 @@ use blake3::hazmat::{
 
 use super::changed::append;
 use crate::parallel::*;
-use crate::value::{Hash, SEVERAL_THREADS};
+use crate::{Hash, SEVERAL_THREADS};
 
 /// Bytes of a block: as many as the widest vectors hash at once. A power of two, and whole chunks of BLAKE3.
 const BLOCK: usize = 16 << 10;
@@ -78,7 +78,7 @@ impl Blocks {
     }
 
     /// Hashes the hashes of the blocks in which some bytes lie; there is at least one byte.
-    pub(super) fn hash_around(&self, bytes: Range<usize>, to: &mut Hasher) {
+    pub(crate) fn hash_around(&self, bytes: Range<usize>, to: &mut Hasher) {
         to.update(self.0[around(bytes)].as_flattened());
     }
 

@@ -1,9 +1,9 @@
 //! What a control net is made of, and how it looks.
 
 use super::{Chart, ControlNet};
-use crate::value::frame::counts;
-use crate::value::hostile::clouds;
-use crate::value::{Axes, CaptureFrame, Layer, Lines, Meaning, On, Part, Parts, PartsError};
+use crate::frame::counts;
+use crate::hostile::clouds;
+use crate::{Axes, CaptureFrame, Layer, Lines, Meaning, On, Part, Parts, PartsError};
 
 /// The size of the chart's grid: tests see it in a fact.
 const GRID: &str = "chart grid";

@@ -127,7 +127,7 @@ fn distance(point: Point3<f64>, start: Point3<f64>, end: Point3<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::KnotVector;
+    use crate::KnotVector;
 
     fn at(x: f64, y: f64) -> Point3<f64> {
         Point3::new(x, y, 0.0)

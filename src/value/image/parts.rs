@@ -1,8 +1,8 @@
 //! What a picture is made of.
 
 use super::Image;
-use crate::value::hostile::SIZES;
-use crate::value::{Layer, Meaning, On, Parts, PartsError, Picture, Pinhole};
+use crate::hostile::SIZES;
+use crate::{Layer, Meaning, On, Parts, PartsError, Picture, Pinhole};
 
 pub(super) fn parts(image: &Image) -> Parts<'_> {
     let mut parts = Parts::default();

@@ -6,15 +6,15 @@
 use super::KnotVector;
 
 /// Most basis functions that meet in one span: one more than the highest degree.
-pub(in crate::value) const MOST: usize = 10;
+pub(crate) const MOST: usize = 10;
 
 /// The basis functions that can be nonzero at one parameter, or their derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::value) struct Basis {
+pub(crate) struct Basis {
     /// The control point that the first one weighs.
-    pub(in crate::value) first: usize,
+    pub(crate) first: usize,
     /// The first degree + 1 entries count, the others are 0.
-    pub(in crate::value) values: [f64; MOST],
+    pub(crate) values: [f64; MOST],
 }
 
 impl KnotVector {
@@ -124,7 +124,7 @@ impl KnotVector {
     }
 
     /// The `order`-th derivatives of the basis functions at `u`.
-    pub(in crate::value) fn basis_derivative(&self, u: f64, order: usize) -> Basis {
+    pub(crate) fn basis_derivative(&self, u: f64, order: usize) -> Basis {
         let u = self.clamp(u);
         let (span, degree) = (self.span(u), self.degree());
         let first = span - degree;

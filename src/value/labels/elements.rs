@@ -12,7 +12,7 @@ use blake3::hazmat::{HasherExt, Mode, merge_subtrees_non_root, merge_subtrees_ro
 use super::{LabelRun, Labels, Pixels, runs_of, statistics};
 use crate::memory::huge_vec;
 use crate::parallel::*;
-use crate::value::{AnyValue, Column, Hash, NoElements};
+use crate::{AnyValue, Column, Hash, NoElements};
 
 /// One component.
 #[derive(Debug)]
@@ -205,7 +205,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::value::{Value, hash_of};
+    use crate::{Value, hash_of};
 
     /// A picture of many small components, row by row.
     fn spots(width: usize, height: usize) -> Labels {

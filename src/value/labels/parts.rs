@@ -1,9 +1,9 @@
 //! What labels are made of, and how they look.
 
 use super::Labels;
-use crate::value::hostile::SIZES;
-use crate::value::layer::PLAIN;
-use crate::value::{Image, Layer, Meaning, On, Parts, PartsError, Picture, Rgb};
+use crate::hostile::SIZES;
+use crate::layer::PLAIN;
+use crate::{Image, Layer, Meaning, On, Parts, PartsError, Picture, Rgb};
 
 pub(super) fn parts(labels: &Labels) -> Parts<'_> {
     let mut parts = Parts::default();

@@ -5,7 +5,7 @@ use robust::{Coord3D, orient3d};
 
 use super::Mesh;
 use crate::parallel::*;
-use crate::value::{Bounds, BoxTree};
+use crate::{Bounds, BoxTree};
 
 impl Mesh {
     /// Pairs of faces of which an edge of one pierces the other, ascending, decided by exact predicates (Shewchuk, "Adaptive precision
@@ -101,7 +101,7 @@ mod tests {
     use std::convert::Infallible;
 
     use super::*;
-    use crate::value::Faces;
+    use crate::Faces;
 
     fn crossings(positions: Vec<Point3<f64>>, faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
         let mesh = Mesh::new(positions, Faces::triangles(faces.to_vec())).unwrap();

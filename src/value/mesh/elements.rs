@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use nalgebra::Point3;
 
 use super::{Crease, Faces, Known, Mesh};
-use crate::value::{AnyValue, Curve, Elements, NoElements, value_type};
+use crate::{AnyValue, Curve, Elements, NoElements, value_type};
 
 /// `Parts("mesh")` and `Holes("mesh")`.
 pub(super) fn elements() -> Vec<Elements<Mesh>> {
@@ -195,7 +195,7 @@ fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::{Attribute, Value, hash_of};
+    use crate::{Attribute, Value, hash_of};
 
     fn mesh(faces: &[[u32; 3]]) -> Mesh {
         let count = faces.iter().flatten().max().map_or(0, |most| most + 1);

@@ -7,7 +7,7 @@ use super::known::Spread;
 use super::{BLOCK, MeshError, check_count};
 use crate::memory::huge_vec;
 use crate::parallel::*;
-use crate::value::{Column, DecodeError, Decoder, Encoder};
+use crate::{Column, DecodeError, Decoder, Encoder};
 
 /// The faces of a mesh: corners by vertex index, counter-clockwise seen from outside.
 ///
@@ -88,7 +88,7 @@ impl Faces {
         Self { corners, shape, needed: Arc::default(), spread: Arc::default() }
     }
 
-    pub(super) fn spread(&self) -> &Spread {
+    pub(crate) fn spread(&self) -> &Spread {
         self.spread.get().unwrap_or_else(|| {
             // Made outside of the lock: its threads may take on other work meanwhile that asks for the same.
             let spread = Spread::new(self);
@@ -109,7 +109,7 @@ impl Faces {
     }
 
     /// How many vertices there must be for all corners; none if a face meets one twice.
-    pub(crate) fn needed(&self) -> Option<u32> {
+    pub fn needed(&self) -> Option<u32> {
         *self.needed.get_or_init(|| self.count_needed())
     }
 

@@ -7,9 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use nalgebra::{Point3, Vector3};
 
+use crate::column::WeakColumn;
 use crate::parallel::*;
-use crate::value::column::WeakColumn;
-use crate::value::{Column, Encoder, Hash, Rgb};
+use crate::{Column, Encoder, Hash, Rgb};
 
 use super::{BLOCK, Mesh, bounds};
 
@@ -114,7 +114,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Mesh {
     /// [`vertex_normals`](Self::vertex_normals) in single precision. They are known as long as somebody keeps them.
-    pub(crate) fn single_normals(&self) -> Column<[f32; 3]> {
+    pub fn single_normals(&self) -> Column<[f32; 3]> {
         if let Some(known) = self.known.normals() {
             return known;
         }
@@ -131,7 +131,7 @@ impl Mesh {
 
     /// The colors of the picture at the vertices, if there is one and it is known where on it they are. A vertex on a seam takes the color of
     /// one side. They are known as long as somebody keeps them.
-    pub(crate) fn texture_colors(&self) -> Option<Column<Rgb>> {
+    pub fn texture_colors(&self) -> Option<Column<Rgb>> {
         let texture = self.texture.as_ref().filter(|texture| !texture.pixels().is_empty())?;
         let (vertex, corner) = (self.vertex.pairs("uv"), self.corner.pairs("uv"));
         let uv = vertex.or(corner)?;
@@ -166,7 +166,7 @@ impl Mesh {
     }
 
     /// The lowest and the highest coordinates; none without vertices. It costs what has moved since they were known.
-    pub(crate) fn known_bounds(&self) -> Option<Bounds> {
+    pub fn known_bounds(&self) -> Option<Bounds> {
         let known = &self.known.of_places.boxes;
         let boxes = known.get().unwrap_or_else(|| {
             let blocks = (0..self.positions.len().div_ceil(BLOCK)).into_par_iter();
@@ -196,8 +196,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::Faces;
     use crate::random::Random;
-    use crate::value::Faces;
 
     /// A bumpy sheet of triangles or quads.
     fn sheet(width: u32, quads: bool) -> Mesh {

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{Attribute, Mesh};
-use crate::value::{Encoder, Hash};
+use crate::{Encoder, Hash};
 
 /// Where a mesh differs from one before, in rows that are in order and apart from each other.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -94,7 +94,7 @@ impl TriangleTree {
     }
 
     /// The nearest place to each point, and how many boxes were looked into for it.
-    pub(crate) fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPlace>>, usize) {
+    pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPlace>>, usize) {
         const CHUNK: usize = 2048;
         let finite = points.iter().filter(|point| point.coords.iter().all(|x| x.is_finite()));
         let bounds = finite.fold(None, |bounds: Option<(Point3<f64>, Point3<f64>)>, point| {

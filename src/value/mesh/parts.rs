@@ -4,11 +4,9 @@ use nalgebra::Point3;
 
 use super::{Faces, Mesh};
 use crate::Hash;
-use crate::value::frame::counts;
-use crate::value::hostile::clouds;
-use crate::value::{
-    Attribute, CaptureFrame, Image, Layer, Meaning, On, Part, Parts, PartsError, Pinhole,
-};
+use crate::frame::counts;
+use crate::hostile::clouds;
+use crate::{Attribute, CaptureFrame, Image, Layer, Meaning, On, Part, Parts, PartsError, Pinhole};
 
 /// Before the names of attributes of corners and faces; those of vertices are as they are.
 const OF_CORNER: &str = "corner ";

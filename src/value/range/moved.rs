@@ -22,7 +22,7 @@ impl RangeImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::value::hash_of;
+    use crate::hash_of;
 
     #[test]
     fn moved_cells_are_as_they_would_be_in_a_new_grid() {

@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 
 use super::RangeImage;
-use crate::value::frame::{counts, pose_of};
-use crate::value::hostile::{SIZES, clouds};
-use crate::value::layer::PLAIN;
-use crate::value::{
+use crate::frame::{counts, pose_of};
+use crate::hostile::{SIZES, clouds};
+use crate::layer::PLAIN;
+use crate::{
     Image, Layer, Meaning, On, Part, Parts, PartsError, Picture, Pinhole, Registration, Rgb,
 };
 

@@ -1,9 +1,9 @@
 //! What a region is made of, and how it looks.
 
 use super::{Contour, Region};
-use crate::value::hostile::clouds;
-use crate::value::layer::PLAIN;
-use crate::value::{Axes, Image, Layer, Lines, Meaning, On, Parts, PartsError, Picture};
+use crate::hostile::clouds;
+use crate::layer::PLAIN;
+use crate::{Axes, Image, Layer, Lines, Meaning, On, Parts, PartsError, Picture};
 
 /// How many cells each contour has, and whether it is one of a hole: tests see the contours' cells.
 const LENGTHS: &str = "contour cells";

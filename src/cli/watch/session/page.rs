@@ -11,8 +11,8 @@ use crate::cli::watch::drag::Values;
 use crate::cli::watch::worker::Purpose;
 use crate::error::Severity;
 use crate::graph::{Checked, Edit, Edited, Graph, Put};
-use crate::plain;
-use crate::value::Hash;
+use maquette_value::Hash;
+use maquette_value::plain;
 
 impl<'a> Session<'a> {
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.

@@ -6,7 +6,7 @@ use percent_encoding::percent_decode_str;
 use ureq::http::Uri;
 
 use super::bucket::Bucket;
-use crate::base64::base64;
+use maquette_value::base64::base64;
 
 /// The address of a server of results. Who one is there is never printed.
 #[derive(Clone, PartialEq, Eq)]

@@ -4,17 +4,17 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use crate::value::Column;
+use crate::Column;
 
 use super::single;
 use super::spread::BIN;
-use crate::value::mesh::Mesh;
-use crate::value::mesh::normals::unit;
+use crate::mesh::Mesh;
+use crate::mesh::normals::unit;
 
 impl Mesh {
     /// The normals, made of those from before these rows of vertices moved. With a vertex its faces move, and with these the normals at all
     /// of their corners.
-    pub(super) fn normals_after(
+    pub(in crate::mesh) fn normals_after(
         &self,
         before: &Column<[f32; 3]>,
         rows: &[Range<u32>],
@@ -36,7 +36,7 @@ impl Mesh {
     }
 
     /// The faces that have a corner in these rows of vertices, in order.
-    pub(crate) fn faces_with(&self, rows: &[Range<u32>]) -> Vec<u32> {
+    pub fn faces_with(&self, rows: &[Range<u32>]) -> Vec<u32> {
         self.faces_at(&Vertices::of(self.positions.len(), rows.iter().cloned().flatten()))
     }
 

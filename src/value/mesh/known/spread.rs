@@ -2,21 +2,21 @@
 
 use std::ops::Range;
 
+use crate::mesh::Faces;
 use crate::parallel::*;
-use crate::value::mesh::Faces;
 
 /// Faces of a block.
 const FACES: usize = 256;
 
 /// Vertices of a bin.
-pub(super) const BIN: usize = 4096;
+pub(crate) const BIN: usize = 4096;
 
 /// For each block of faces, the bins in which its corners are.
 #[derive(Debug)]
-pub(in crate::value::mesh) struct Spread(Vec<Box<[u32]>>);
+pub(crate) struct Spread(Vec<Box<[u32]>>);
 
 impl Spread {
-    pub(in crate::value::mesh) fn new(faces: &Faces) -> Self {
+    pub(in crate::mesh) fn new(faces: &Faces) -> Self {
         let corners = faces.corners();
         let bins = corners.iter().max().map_or(0, |&last| last as usize / BIN + 1);
         let unseen = || vec![u32::MAX; bins];
@@ -39,7 +39,7 @@ impl Spread {
     }
 
     /// The faces of which `is_wanted` is true, in order; those that have no corner in one of these bins are not looked at.
-    pub(super) fn faces(
+    pub(in crate::mesh) fn faces(
         &self,
         faces: &Faces,
         bins: &[bool],

@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Bounds, LEAF, NearestPlace, Triangle, TriangleTree};
-use crate::value::Mesh;
+use crate::Mesh;
 
 /// Where a ray meets a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,8 +151,8 @@ impl Ray {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Faces;
     use crate::random::Random;
-    use crate::value::Faces;
 
     /// What a look at all triangles finds.
     fn slowly(tree: &TriangleTree, origin: Point3<f64>, to: Vector3<f64>) -> Option<RayHit> {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// Bytes that the machine, and the groups of processes that this one is in, have left. None where the system does not tell, as
 /// elsewhere than on Linux, or kills nobody.
-pub(crate) fn left() -> Option<u64> {
+pub fn left() -> Option<u64> {
     if !cfg!(target_os = "linux") {
         return None;
     }

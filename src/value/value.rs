@@ -1,78 +1,13 @@
-//! What travels on a link: immutable, typed, hashed once.
-//!
-//! A noun of the graph implements [`Value`]; on a link it is an [`AnyValue`], which knows its type and the hash of its
-//! content. Large parts of a value are [`Column`]s, shared between values and hashed apart, so that a node that moves
-//! vertices neither copies nor hashes the faces again.
+//! What a type of values says of itself, and a value whose type is known at run time.
 
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 
-mod attributes;
-mod boxes;
-mod column;
-mod control_net;
-mod curve;
-mod direction;
-mod elements;
-mod encoding;
-mod field;
-mod frame;
-mod handles;
-mod hostile;
-mod image;
-mod knots;
-mod labels;
-mod layer;
-mod mask;
-mod memo;
-mod mesh;
-mod parts;
-mod points;
-mod property;
-mod range;
-mod region;
-mod surface;
-mod trace;
-
-pub use attributes::{Attribute, AttributeError, Attributes};
-pub use boxes::{Bounds, BoxTree};
-pub use column::Column;
-pub use control_net::{Chart, ControlNet, ControlNetError};
-pub use curve::{Curve, CurveError, CurveFoot};
-pub use direction::{Direction, DirectionError};
-pub(crate) use elements::{Cut, ElementType};
-pub use elements::{Elements, NoElements};
-pub(crate) use encoding::{Bytes, Columns, Kept};
-pub use encoding::{DecodeError, Decoder, Encoder, hash_of};
-pub use field::Field;
-pub use frame::{CaptureFrame, Pinhole, Registration};
-pub use handles::{Handle, HandleSpace, Handles, HandlesError};
-pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
-pub(crate) use image::{linear_from_srgb, srgb_from_linear};
-pub use knots::{KnotChange, KnotVector, KnotVectorError};
-pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
-pub(crate) use layer::PLAIN;
-pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Marks, Picture, Series};
-pub use mask::Mask;
-pub use memo::Memo;
-pub(crate) use memo::hash_of_memo;
-pub(crate) use mesh::bounds;
-pub use mesh::{
-    Behind, Edges, Faces, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree, to_triangle,
-};
-pub(crate) use parts::ranges;
-pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
-pub(crate) use points::first_not_finite;
-pub use points::{Points, PointsError};
-pub use property::{Offence, Offender, Property};
-pub use range::{RangeError, RangeImage};
-pub use region::{Contour, Region, RegionError};
-pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
-pub use trace::{Trace, TraceError, TraceStep};
+use super::*;
 
 /// The engine's own types.
-pub(crate) const TYPES: [&ValueType; 15] = [
+pub const TYPES: [&ValueType; 15] = [
     value_type::<Mesh>(),
     value_type::<Surface>(),
     value_type::<RangeImage>(),
@@ -154,13 +89,13 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// The id of the build that its code is of, as [`nodes_of_this_build`](crate::nodes_of_this_build) knows it; empty if it has none.
+    /// The id of the build that its code is of, as [`nodes_of_this_build`](maquette::nodes_of_this_build) knows it; empty if it has none.
     fn build() -> &'static str {
         ""
     }
 
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
-    /// [`conformance`](crate::conformance) tries nodes on, and tell which tolerances a test may give.
+    /// [`conformance`](maquette::conformance) tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
         Vec::new()
     }
@@ -205,11 +140,11 @@ impl Summary {
 }
 
 /// Below this many bytes one thread hashes faster than several: the cost of waking the others is some 10 us.
-const SEVERAL_THREADS: usize = 256 * 1024;
+pub(crate) const SEVERAL_THREADS: usize = 256 * 1024;
 
 /// The blake3 hash of a value's content.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Hash(pub(crate) [u8; 32]);
+pub struct Hash(#[doc(hidden)] pub [u8; 32]);
 
 impl Hash {
     /// The hash of some bytes.
@@ -221,7 +156,7 @@ impl Hash {
     }
 
     /// The hash that [`Display`](fmt::Display) writes; none if the text is not one.
-    pub(crate) fn parse(text: &str) -> Option<Self> {
+    pub fn parse(text: &str) -> Option<Self> {
         let mut bytes = [0; 32];
         let digits = Some(text.as_bytes()).filter(|digits| digits.len() == 64)?;
         for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
@@ -267,21 +202,22 @@ impl fmt::Debug for Hash {
 pub struct ValueType {
     /// The word in graph files.
     pub name: &'static str,
-    describe: fn(&(dyn Any + Send + Sync)) -> Summary,
-    probe: fn(&(dyn Any + Send + Sync), [usize; 2]) -> Summary,
-    size: fn(&(dyn Any + Send + Sync)) -> usize,
-    keep: fn(&(dyn Any + Send + Sync)) -> Kept,
-    decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
-    parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
-    from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
-    show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
-    as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
-    elements: fn() -> Vec<ElementType>,
-    cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
-    hostile: fn() -> Vec<AnyValue>,
-    pub(crate) build: fn() -> &'static str,
-    properties: fn() -> Vec<(&'static str, &'static str)>,
-    offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
+    pub(super) describe: fn(&(dyn Any + Send + Sync)) -> Summary,
+    pub(super) probe: fn(&(dyn Any + Send + Sync), [usize; 2]) -> Summary,
+    pub(super) size: fn(&(dyn Any + Send + Sync)) -> usize,
+    pub(super) keep: fn(&(dyn Any + Send + Sync)) -> Kept,
+    pub(super) decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
+    pub(super) parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
+    pub(super) from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
+    pub(super) show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
+    pub(super) as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
+    pub(super) elements: fn() -> Vec<ElementType>,
+    pub(super) cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
+    pub(super) hostile: fn() -> Vec<AnyValue>,
+    /// The id of the build that its code is of; empty if it has none.
+    pub build: fn() -> &'static str,
+    pub(super) properties: fn() -> Vec<(&'static str, &'static str)>,
+    pub(super) offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
 }
 
 impl fmt::Debug for ValueType {
@@ -292,12 +228,12 @@ impl fmt::Debug for ValueType {
 
 impl ValueType {
     /// Where its code is.
-    pub(crate) fn code(&self) -> usize {
+    pub fn code(&self) -> usize {
         self.decode as usize
     }
 
     /// The value of this type that has this hash, from its kept content.
-    pub(crate) fn decode(
+    pub fn decode(
         &self,
         bytes: &[u8],
         columns: &dyn Columns,
@@ -315,7 +251,7 @@ impl ValueType {
     }
 
     /// What a `ForEach` can go over in such a value.
-    pub(crate) fn elements(&self) -> Vec<ElementType> {
+    pub fn elements(&self) -> Vec<ElementType> {
         (self.elements)()
     }
 
@@ -330,7 +266,7 @@ impl ValueType {
     }
 
     /// The property of this name, if its values may have it.
-    pub(crate) fn property(&self, name: &str) -> Option<&'static str> {
+    pub fn property(&self, name: &str) -> Option<&'static str> {
         self.properties().into_iter().map(|(known, _)| known).find(|known| *known == name)
     }
 }
@@ -384,9 +320,9 @@ pub const fn value_type<T: Value>() -> &'static ValueType {
 /// A value on a link: shared, of a known type, with the hash of its content.
 #[derive(Clone)]
 pub struct AnyValue {
-    kind: &'static ValueType,
-    hash: Hash,
-    value: Arc<dyn Any + Send + Sync>,
+    pub(super) kind: &'static ValueType,
+    pub(super) hash: Hash,
+    pub(super) value: Arc<dyn Any + Send + Sync>,
 }
 
 impl AnyValue {
@@ -416,12 +352,12 @@ impl AnyValue {
     }
 
     /// Its content as the disk cache keeps it.
-    pub(crate) fn keep(&self) -> Kept {
+    pub fn keep(&self) -> Kept {
         (self.kind.keep)(&*self.value)
     }
 
     /// Whether its content gives the same value again when it is read back.
-    pub(crate) fn can_be_read_back(&self) -> bool {
+    pub fn can_be_read_back(&self) -> bool {
         let kept = self.keep();
         self.kind.decode(&kept.bytes, &kept, self.hash).is_ok()
     }
@@ -460,7 +396,7 @@ impl AnyValue {
 impl AnyValue {
     /// Its elements that a word means, for a `ForEach`, if there are no more than `most`; none if its type has no such elements. Those
     /// of another value, `before`, may be taken over.
-    pub(crate) fn cut(&self, word: &str, most: usize, before: &[Self]) -> Cut {
+    pub fn cut(&self, word: &str, most: usize, before: &[Self]) -> Cut {
         (self.kind.cut)(&*self.value, word, most, before)
     }
 }

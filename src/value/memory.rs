@@ -10,7 +10,7 @@
 
 mod left;
 
-pub(crate) use left::left;
+pub use left::left;
 
 /// Below this many bytes the advice costs more than it saves: there is hardly a whole large page inside.
 const LEAST: usize = 4 << 20;
@@ -41,7 +41,7 @@ pub fn sparse_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
 /// time of an interpolation of 20 000 vertices. Of large lists it begins, once some have been freed, to keep the memory, which it must
 /// fill with zeros first, in one thread and on small pages.
 ///
-/// It is the matter of the whole process: only a program of its own does it, as [`cli::main`](crate::cli::main) does; a library in a host
+/// It is the matter of the whole process: only a program of its own does it, as [`cli::main`](maquette::cli::main) does; a library in a host
 /// leaves the host's allocator alone.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn keep_freed() {
