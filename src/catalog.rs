@@ -5,16 +5,16 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use indexmap::IndexMap;
+use maquette_syntax::error::Error;
+use maquette_syntax::merged;
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, TYPES, ValueType};
 use serde_json::{Value as Json, json};
 
-use crate::error::Error;
 use crate::format::{FORMATS, READERS};
 use crate::node::{Carry, NodeType, Output, Term};
 use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
 use crate::reading::{AnyReader, Readers};
-use crate::text::merged;
-use maquette_value::plain::ending;
-use maquette_value::{AnyValue, TYPES, ValueType};
 
 mod description;
 
@@ -400,12 +400,12 @@ fn name_endings(schema: &mut Json, readers: &Readers) {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Mesh, value_type};
     use schemars::JsonSchema;
     use serde::{Deserialize, Serialize};
 
     use super::*;
     use crate::node::{Context, Node, node};
-    use maquette_value::{Mesh, value_type};
 
     #[derive(Serialize, Deserialize, JsonSchema)]
     struct Nothing {}

@@ -11,13 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use maquette_syntax::error::{MOST_TOLD, Problem, code};
+use maquette_syntax::telling::{escaped, harmless, in_full};
 
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Problem, code};
 use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted};
-use crate::telling::{escaped, harmless, in_full};
 
 mod batch;
 mod cache;

@@ -5,17 +5,17 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
 
+use maquette_syntax::error::Error;
+use maquette_syntax::{check_default, inside, resolve, variants};
+use maquette_value::{AnyValue, ValueType};
 use serde_json::Value as Json;
 
 use crate::catalog::{Catalog, Entry};
-use crate::error::Error;
 use crate::eval::Evaluator;
 use crate::graph::{Graph, GraphNode, Options, is_name};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::reading::Readers;
-use crate::text::{check_default, inside, resolve, variants};
-use maquette_value::{AnyValue, ValueType};
 
 mod attributes;
 mod cells;
@@ -241,7 +241,7 @@ fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     let errors = evaluation
         .problems()
         .into_iter()
-        .filter(|problem| problem.severity == crate::Severity::Error);
+        .filter(|problem| problem.severity == maquette_syntax::error::Severity::Error);
     let errors: Vec<String> = errors.map(|problem| problem.message).collect();
     if errors.is_empty() {
         Ok((0..graph.nodes.len()).map(|node| evaluation.value(node, 0).cloned()).collect())
@@ -407,7 +407,7 @@ fn within<R>(
         warnings: Mutex::default(),
     };
     let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));
-    let result = result.map_err(|panic| crate::error::in_words(&*panic))?;
+    let result = result.map_err(|panic| maquette_syntax::error::in_words(&*panic))?;
     Ok((result, cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner())))
 }
 

@@ -3,8 +3,9 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
+use maquette_syntax::error::Source;
+
 use crate::catalog::Catalog;
-use crate::error::Source;
 use crate::graph::{DraftField, ELEMENTS, Graph, GraphUse};
 
 mod dot;

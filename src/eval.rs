@@ -8,14 +8,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use crate::error::in_words;
-use crate::error::{Error, Problem, Severity, code};
+use maquette_syntax::error::in_words;
+use maquette_syntax::error::{Error, Problem, Severity, code};
+use maquette_value::{AnyValue, Hash};
+
 use crate::files::Known;
 use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use crate::node::CancelToken;
 use crate::pack::{Content, NewFile};
 use crate::provenance::Signature;
-use maquette_value::{AnyValue, Hash};
 
 mod cache;
 mod compute;

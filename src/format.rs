@@ -6,14 +6,14 @@
 
 use std::fmt;
 
+use maquette_syntax::error::Error;
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, Value, value_type};
 use nalgebra::Point3;
 use thiserror::Error;
 
-use crate::error::Error;
 use crate::pack::{Format, format};
 use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
-use maquette_value::parallel::*;
-use maquette_value::{Mesh, Value, value_type};
 
 pub mod abs;
 pub mod camera;

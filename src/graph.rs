@@ -4,14 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::error::{Problem, Severity, Source, Span, Use};
-use crate::node::AnyNode;
-use crate::pack::Format;
-use crate::paths::without_dots;
-use crate::reading::Readers;
-use crate::text::{Origin, Sheet, Tree, ron, shell};
+use maquette_syntax::error::{Problem, Severity, Source, Span, Use};
+use maquette_syntax::paths::without_dots;
+use maquette_syntax::{Origin, Sheet, Tree, ron, shell};
 use maquette_value::plain;
 use maquette_value::{Hash, ValueType};
+
+use crate::node::AnyNode;
+use crate::pack::Format;
+use crate::reading::Readers;
 
 mod asked;
 mod check;
@@ -84,6 +85,7 @@ pub use extract::{Extracted, Extraction};
 pub(crate) use guards::{Guard, Wanter};
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
+use lineage::Lineage;
 pub(crate) use lock::{ENDING as LOCK_ENDING, beside as lock_beside};
 #[cfg(feature = "cli")]
 pub(crate) use lock::{Lock, Locked, UsedNow, differences};
@@ -106,7 +108,6 @@ pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
 use crate::catalog::Catalog;
 use crate::files::NodeFile;
-use lineage::Lineage;
 
 /// A graph that has been checked: every name, type, range and path in it is right.
 #[derive(Clone)]

@@ -83,7 +83,6 @@ pub mod render;
 mod batch;
 mod catalog;
 mod draw;
-mod error;
 mod eval;
 mod files;
 mod golden;
@@ -94,7 +93,6 @@ mod node;
 mod pack;
 #[cfg(feature = "cli")]
 mod page;
-mod paths;
 #[cfg(feature = "cli")]
 mod probe;
 mod provenance;
@@ -102,13 +100,10 @@ mod reading;
 mod session;
 mod stamp;
 mod suite;
-mod telling;
-mod text;
 mod watch;
 mod writing;
 
 pub use catalog::Catalog;
-pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
     Diagnosis, Disk, DiskError, Evaluation, Evaluator, Exchange, Fault, NodeTrace, Observer,
     RunTrace, State, ThreadsError, Usage,
@@ -119,6 +114,7 @@ pub use graph::{
     GraphPort, InputValues, Merge, Options, Put, ReadFile,
 };
 pub use limit::{Estimate, Limit, TooMuch};
+pub use maquette_syntax::{Cancelled, Error, Place, Problem, Reader, Severity, Source, Span, code};
 pub use maquette_value as value;
 pub use maquette_value::{
     AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
@@ -137,4 +133,3 @@ pub use session::{
     Settings, Wanted, Written, save,
 };
 pub use suite::{TestRun, test_graphs};
-pub use text::Reader;

@@ -16,16 +16,16 @@ use gen_lsp_types::{
     DidSaveTextDocumentParams, InitializeParams, TextDocumentContentChangeEvent, Uri,
 };
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestId, Response};
+use maquette_syntax::error::in_words;
+use maquette_syntax::first_word;
+use maquette_syntax::paths::{MARKER, project_root};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value as Json, json};
 
 use crate::catalog::Catalog;
-use crate::error::in_words;
 use crate::graph::{Graph, Options, real};
-use crate::paths::{MARKER, project_root};
 use crate::session::Session;
-use crate::text::first_word;
 
 mod actions;
 mod answers;

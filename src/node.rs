@@ -9,17 +9,17 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
+use maquette_syntax::error::{Cancelled, Error};
+use maquette_syntax::{FILE, LINK};
+use maquette_value::plain::{ending, without_mark};
+use maquette_value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
-use crate::error::{Cancelled, Error};
 use crate::limit::Estimate;
 use crate::reading::{NoReader, Readers, Reading};
-use crate::text::{FILE, LINK};
-use maquette_value::plain::{ending, without_mark};
-use maquette_value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 
 mod carry;
 mod kind;

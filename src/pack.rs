@@ -1,11 +1,12 @@
 //! What a plugin is: a visible list of nodes, values and file formats.
 
-use crate::error::Error;
+use maquette_syntax::error::Error;
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, Value, ValueType, value_type};
+
 use crate::node::NodeType;
 use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
-use maquette_value::plain::ending;
-use maquette_value::{AnyValue, Value, ValueType, value_type};
 
 mod content;
 

@@ -56,14 +56,13 @@ mod pick;
 mod server;
 mod shown;
 
-use shown::Content;
-pub(crate) use shown::Shown;
-
 pub(crate) use kept::Redirect;
 use kept::{Keeper, Kept};
 pub(crate) use location::Location;
 use news::{Listener, News};
 use pick::Sight;
+use shown::Content;
+pub(crate) use shown::Shown;
 
 /// The live page, served until the program ends.
 pub(crate) struct Page {
@@ -420,8 +419,9 @@ impl Feed {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{AnyValue, Image};
+
+    use super::*;
 
     #[test]
     fn who_comes_late_is_told_what_is_true() {

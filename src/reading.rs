@@ -6,8 +6,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::error::Error;
-use crate::paths::{PathProblem, may_read, project_root};
+use maquette_syntax::error::Error;
+use maquette_syntax::paths::{PathProblem, may_read, project_root};
 use maquette_value::plain;
 use maquette_value::plain::{ending, without_mark};
 use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
@@ -296,9 +296,10 @@ pub(crate) fn read_companion(
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Points;
+
     use super::*;
     use crate::format::READERS;
-    use maquette_value::Points;
 
     #[test]
     fn the_type_and_the_ending_choose_the_reader() {

@@ -10,10 +10,9 @@
 //!
 //! Polygons are drawn as fans of triangles from their first corner.
 
-use nalgebra::Point3;
-
 use maquette_value::parallel::*;
 use maquette_value::{Image, Layer, Mesh, Rgb};
+use nalgebra::Point3;
 
 mod camera;
 mod flat;

@@ -3,8 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Error, Problem, Severity, code};
+use maquette_syntax::{unknown, with_article};
+use maquette_value::{AnyValue, Value};
+
 use crate::catalog::Catalog;
-use crate::error::{Error, Problem, Severity, code};
 #[cfg(feature = "cli")]
 use crate::eval::Remembered;
 use crate::eval::{
@@ -15,8 +18,6 @@ use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
 use crate::pack::{NewFile, Pack};
 use crate::provenance::{Provenance, Signature};
-use crate::text::{unknown, with_article};
-use maquette_value::{AnyValue, Value};
 
 mod elements;
 #[cfg(feature = "cli")]

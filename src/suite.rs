@@ -6,8 +6,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_syntax::error::{Problem, Severity};
+use maquette_value::AnyValue;
+use maquette_value::plain;
+
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity};
 use crate::eval::{RunTrace, ThreadsError};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::{self, Golden, NoGolden, Written, because};
@@ -15,8 +18,6 @@ use crate::golden::{Comparison, Tolerance, Violation};
 use crate::pack::NewFile;
 use crate::session::{self, Session};
 use crate::writing::{Destination, Refused, Sources};
-use maquette_value::AnyValue;
-use maquette_value::plain;
 
 #[cfg(feature = "cli")]
 mod file;
@@ -384,7 +385,7 @@ fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
     const SOME: usize = 10;
     let titles = Vec::from_iter(jobs.iter().map(Job::title));
     let words = titles.iter().flat_map(|title| title.split([' ', '/', '.']));
-    let help = crate::text::nearest(filter, words);
+    let help = maquette_syntax::nearest(filter, words);
     let some = || {
         let more = if titles.len() > SOME { ", .." } else { "" };
         let some = Vec::from_iter(titles.iter().take(SOME).map(String::as_str)).join(", ");

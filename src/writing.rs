@@ -11,11 +11,11 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use maquette_syntax::paths::without_dots;
+use maquette_value::plain;
 use tempfile::NamedTempFile;
 
-use crate::paths::without_dots;
 use crate::stamp::Stamp;
-use maquette_value::plain;
 
 mod large;
 #[cfg(feature = "cli")]

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Finding, Help, Kind, Tree};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::files::Meant;
-use crate::error::{Span, code};
-use crate::text::{Body, Finding, Help, Kind, Tree};
 
 /// What differs from task to task.
 #[derive(Deserialize, JsonSchema)]

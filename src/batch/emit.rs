@@ -1,9 +1,8 @@
 //! Hands a batch over to a farm's engine: each task is one call of this program, `maquette batch SWEEP --handover HASH --task I`, so that there
 //! is one way to run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
 
+use maquette_syntax::shell;
 use serde_json::json;
-
-use crate::text::shell;
 
 /// An engine that runs tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

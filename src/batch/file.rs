@@ -4,21 +4,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
+use maquette_syntax::paths::{folder_of_new, project_root};
+use maquette_syntax::{
+    Body, Field, Finding, Help, Kind, Name, Tree, Walk, nearest_or_all, parse, quoted, read_tree,
+    syntax_problems, twice,
+};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::axis::{Axis, Reader, Row, Rows, Set};
 use super::names::{Clash, Template, Wrong, clash};
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
 use crate::graph::{Checked, Files, Graph, GraphNode, Options};
 #[cfg(test)]
 use crate::graph::{Word, words_of_choices, words_of_fields};
-use crate::paths::{folder_of_new, project_root};
-use crate::text::{
-    Body, Field, Finding, Help, Kind, Name, Tree, Walk, nearest_or_all, parse, quoted, read_tree,
-    syntax_problems, twice,
-};
 
 /// How files of sweeps are called.
 pub(crate) const ENDING: &str = ".sweep.ron";

@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::paths::{PathProblem, may_read, path_between};
+use maquette_syntax::{Finding, Tree, quoted};
+
 use super::axis::{Reader, Row, Rows, Set};
 use super::pattern::{Found, matches};
-use crate::error::{Span, code};
-use crate::paths::{PathProblem, may_read, path_between};
-use crate::text::{Finding, Tree, quoted};
 
 /// `Files(..)` as it is written.
 pub(super) struct Meant<'a> {

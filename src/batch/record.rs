@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use maquette_value::Hash;
+use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::files::KnownFile;
 use crate::session::Left;
 use crate::writing::{Destination, Refused};
-use maquette_value::Hash;
-use maquette_value::plain;
 
 /// The folder of records in that of a batch.
 pub(super) const FOLDER: &str = "tasks";

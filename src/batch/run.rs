@@ -6,18 +6,18 @@ use std::time::Instant;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use maquette_syntax::error::{Problem, Severity};
+use maquette_value::Hash;
 
 use super::file::with;
 use super::record::{Output, Record, State, picture_path};
 use super::{Picture, Sweep, Task};
-use crate::error::{Problem, Severity};
 use crate::eval::{Forecast, Observer, RunTrace, State as NodeState};
 use crate::graph::{Graph, Options};
 use crate::node::CancelToken;
 use crate::render::{Kind, Look, View, picture};
 use crate::session::{Finished, Left, OutputFolder, ReadFiles, Run, Session, Wanted};
 use crate::writing::{Destination, Sources};
-use maquette_value::Hash;
 
 /// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
 const QUALITY: u8 = 88;

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::telling::escaped;
+use maquette_value::base64::base64;
+use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
 use super::record::{Record, State};
 use super::{Batch, Sweep};
-use crate::telling::escaped;
 use crate::writing::Sources;
-use maquette_value::base64::base64;
-use maquette_value::plain;
 
 /// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.
 const PAGE: &str = include_str!("sheet/sheet.html");

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::paths::{folder_of_new, path_between, without_dots};
-use crate::text::{parse, quoted};
+use maquette_syntax::paths::{folder_of_new, path_between, without_dots};
+use maquette_syntax::{parse, quoted};
 
 /// The text of a sweep over files that fit a pattern, and over values of parameters: (`name`, `5,12,20`) each.
 ///

@@ -5,14 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::paths::{folder_of_new, path_between};
+use maquette_value::Hash;
+use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
 use super::record::{FOLDER, Record};
 use super::{Batch, Sweep, Task};
-use crate::paths::{folder_of_new, path_between};
 use crate::writing::Sources;
-use maquette_value::Hash;
-use maquette_value::plain;
 
 /// The folder of lists in that of records. No task has a name with an `@`.
 const LISTS: &str = "@handovers";

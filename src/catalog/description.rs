@@ -1,9 +1,9 @@
 //! What people and programs are told of a type of nodes: its ports, outputs and parameters, in words.
 
+use maquette_syntax::{inside, resolve, ron, variants};
 use serde_json::{Value as Json, json};
 
 use crate::node::Carry;
-use crate::text::{inside, resolve, ron, variants};
 
 /// The documentation of a type of nodes: a built-in one, or a graph that others use.
 pub(crate) struct Description<'a> {
@@ -245,5 +245,36 @@ mod tests {
             schema["type"] = "number".into();
             assert_eq!(describe_parameter(&schema, &json!({})), told);
         }
+    }
+
+    /// A shape.
+    #[derive(schemars::JsonSchema, serde::Serialize)]
+    #[expect(dead_code, reason = "only its schema is looked at")]
+    enum Shape {
+        /// None.
+        Nothing,
+        /// A round one.
+        Ball(Ball),
+    }
+
+    /// A ball.
+    #[derive(schemars::JsonSchema, serde::Serialize)]
+    struct Ball {
+        /// Its radius.
+        #[schemars(default)]
+        radius: f64,
+        /// Its layers.
+        #[schemars(default)]
+        layers: u32,
+    }
+
+    #[test]
+    fn a_struct_in_a_variant_is_described_as_its_fields() {
+        let root = Json::from(schemars::schema_for!(Shape));
+        let described = describe_parameter(&root, &root);
+        assert!(
+            described.starts_with("Nothing | Ball(radius: number = 0.0, layers: integer"),
+            "{described}"
+        );
     }
 }

@@ -5,6 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args;
+use maquette_syntax::error::Problem;
+use maquette_syntax::first_word;
+use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
 use super::caching::{self, CacheOptions};
@@ -19,12 +22,9 @@ use crate::batch::{
     at_a_time, default_folder,
 };
 use crate::catalog::Catalog;
-use crate::error::Problem;
 use crate::eval::Observer;
 use crate::node::CancelToken;
 use crate::session::Session;
-use crate::text::first_word;
-use maquette_value::plain;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
 #[derive(Args)]

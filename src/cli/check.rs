@@ -4,13 +4,13 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_syntax::error::{Place, Problem, Severity, code};
 use serde_json::json;
 
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
 use crate::catalog::Catalog;
-use crate::error::{Place, Problem, Severity, code};
 use crate::graph::Graph;
 use crate::suite::{FileKind, of_file, shared};
 use crate::writing::{Turn, replace};

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_value::plain::ending;
 
 use super::{Exit, print_document, report};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::{Files, Graph, Options};
 use crate::writing::{Destination, Sources};
-use maquette_value::plain::ending;
 
 #[derive(Args)]
 pub(super) struct Draw {

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
+use maquette_syntax::error::{Problem, Source};
+use maquette_value::plain;
 
 use super::{Exit, assignment, eprint, print, print_document, report};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Source};
 use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
 use crate::writing::{Turn, replace};
-use maquette_value::plain;
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
 #[derive(Args)]

@@ -4,13 +4,13 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_value::plain;
 
 use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::graph::{Graph, Options};
 use crate::writing::{Turn, replace};
-use maquette_value::plain;
 
 #[derive(Args)]
 pub(super) struct Fmt {

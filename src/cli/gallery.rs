@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_syntax::any_of;
+use maquette_value::AnyValue;
+use maquette_value::plain;
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
@@ -16,10 +19,7 @@ use crate::graph::{Graph, Options, Subgraph};
 use crate::render::{View, render};
 use crate::session::Session;
 use crate::suite::FileKind;
-use crate::text::any_of;
 use crate::writing::{Destination, Refused, Sources};
-use maquette_value::AnyValue;
-use maquette_value::plain;
 
 #[derive(Args)]
 pub(super) struct Gallery {

@@ -1,10 +1,10 @@
 //! `maquette help`: a topic of the language of graphs, or a command as clap explains it.
 
 use clap::{Args, CommandFactory};
+use maquette_syntax::unknown;
 
 use super::{Cli, Exit, print, program};
 use crate::language::{TOPICS, plain, topic, topics_about};
-use crate::text::unknown;
 
 #[derive(Args)]
 pub(super) struct Help {

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_syntax::error::Problem;
 
 use super::{Exit, report};
-use crate::error::Problem;
 use crate::graph::Graph;
 use crate::session::Session;
 use crate::writing::Sources;

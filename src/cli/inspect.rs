@@ -5,6 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_syntax::error::{Error, Problem, code};
+use maquette_syntax::with_article;
+use maquette_value::plain::ending;
+use maquette_value::{AnyValue, Layer, Summary};
 use serde_json::{Value as Json, json};
 
 use super::caching::CacheOptions;
@@ -14,7 +18,6 @@ use super::new::in_meters;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
 use crate::catalog::Catalog;
-use crate::error::{Error, Problem, code};
 use crate::format::png;
 use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use crate::node::CancelToken;
@@ -22,10 +25,7 @@ use crate::pack::NewFile;
 use crate::probe::{self, shown};
 use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
-use crate::text::with_article;
 use crate::writing::{Destination, Sources};
-use maquette_value::plain::ending;
-use maquette_value::{AnyValue, Layer, Summary};
 
 mod broken;
 mod columns;

@@ -3,15 +3,15 @@
 use std::collections::HashSet;
 
 use clap::Args;
+use maquette_syntax::error::Problem;
+use maquette_syntax::{unknown, with_article};
+use maquette_value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 use nalgebra::Point3;
 
 use super::{Exit, report};
-use crate::error::Problem;
 use crate::graph::{Broken, Graph};
 use crate::render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use crate::session::{Run, Session, Wanted};
-use crate::text::{unknown, with_article};
-use maquette_value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 
 /// What `--at` names.
 #[derive(Clone, Debug)]

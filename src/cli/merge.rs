@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_syntax::error::Source;
+use maquette_value::plain;
 
 use super::{Exit, eprint, print_document, report};
 use crate::catalog::Catalog;
-use crate::error::Source;
 use crate::graph::{Graph, Merge as Merged};
 use crate::writing::rewrite;
-use maquette_value::plain;
 
 /// For git, in the project's `.gitattributes`: `*.ron merge=maquette`; and once for each user:
 /// `git config --global merge.maquette.driver "maquette merge %O %A %B --path %P"`.

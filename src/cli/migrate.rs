@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_syntax::first_word;
 
 use super::edit::changed_lines;
 use super::files::given;
@@ -11,7 +12,6 @@ use super::{Exit, counted, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::golden::case;
 use crate::graph::Graph;
-use crate::text::first_word;
 use crate::writing::{Turn, replace};
 
 /// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.

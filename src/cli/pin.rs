@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_syntax::error::Severity;
+use maquette_syntax::unknown;
 
 use super::caching::{self, CacheOptions};
 use super::{Exit, eprint, print, report};
 use crate::catalog::Catalog;
-use crate::error::Severity;
 use crate::graph::{Graph, Options, Pins};
 use crate::session::{PinError, Run, Wanted, means, pinnable, unpin};
-use crate::text::unknown;
 
 #[derive(Args)]
 pub(super) struct Pin {

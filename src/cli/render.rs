@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_value::Image;
+use maquette_value::plain::ending;
 
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
@@ -17,8 +19,6 @@ use crate::node::CancelToken;
 use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};
-use maquette_value::Image;
-use maquette_value::plain::ending;
 
 #[derive(Args)]
 pub(super) struct Render {

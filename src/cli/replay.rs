@@ -4,6 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_syntax::paths::{folder_of_new, project_root};
+use maquette_syntax::unknown;
+use maquette_value::Hash;
+use maquette_value::plain::{ending, read_own};
 use serde_json::json;
 
 use super::caching::CacheOptions;
@@ -12,12 +16,8 @@ use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, GraphOutput, Options};
-use crate::paths::{folder_of_new, project_root};
 use crate::provenance::{Found, Provenance, Signature, find};
 use crate::session::{OutputFolder, Run, Wanted, sign};
-use crate::text::unknown;
-use maquette_value::Hash;
-use maquette_value::plain::{ending, read_own};
 
 /// Whether files tell where they came from.
 #[derive(Args, Clone, Default)]

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
@@ -19,7 +20,6 @@ use super::{
     put_problems, report,
 };
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity};
 use crate::eval::{Exchange, Forecast, Observer, RunTrace, State};
 use crate::graph::Graph;
 use crate::node::CancelToken;

@@ -11,6 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use clap::Args;
+use maquette_value::ValueType;
+use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
 use self::columns::Columns;
@@ -27,8 +29,6 @@ use crate::draw::Places;
 use crate::graph::{Edited, Graph, GraphInput, Options, PINS_ENDING};
 use crate::node::CancelToken;
 use crate::writing::Shelf;
-use maquette_value::ValueType;
-use maquette_value::plain;
 
 mod columns;
 mod layout;

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_syntax::inside;
+use maquette_value::{Image, Layer, Rgb};
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
@@ -15,9 +17,7 @@ use crate::format::png;
 use crate::graph::{Graph, Options};
 use crate::render::{Kind, Look, View, picture};
 use crate::session::Session;
-use crate::text::inside;
 use crate::writing::{Destination, Sources};
-use maquette_value::{Image, Layer, Rgb};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
 #[derive(Args)]

@@ -9,6 +9,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
+use maquette_syntax::error::{Problem, code};
+use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
 
 use super::caching::CacheOptions;
@@ -18,12 +20,10 @@ use super::replay::ProvenanceOptions;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
 use crate::catalog::Catalog;
-use crate::error::{Problem, code};
 use crate::files::named_in;
 use crate::format::camera;
 use crate::graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use crate::page::{Page, Redirect, Wish};
-use crate::paths::{MARKER, project_root};
 use crate::watch::{self, Event, Sources, WatchList};
 
 mod block;

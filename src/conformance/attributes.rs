@@ -3,10 +3,11 @@
 //! All marks of an element follow from one number, so that an element whose marks do not fit together is found: one that got its
 //! color from here and its vector from there.
 
+use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
+
 use super::extremes::Case;
 use super::{inputs, made};
 use crate::node::{Carry, DOMAINS, Fate, Progress};
-use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
 /// The mark that all others of an element follow from.
 const MARK: &str = "mark-of-the-law";
@@ -291,10 +292,10 @@ fn is_among(found: &Attribute, given: &Attribute) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;
-    use maquette_value::Faces;
 
     /// What the law says of two triangles that are given marks and then changed.
     fn said(domain: usize, fate: Fate, change: impl FnOnce(Mesh) -> Mesh) -> Vec<String> {

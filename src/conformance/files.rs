@@ -54,11 +54,12 @@ fn damaged(file: &[u8]) -> impl Iterator<Item = Vec<u8>> + '_ {
 
 #[cfg(test)]
 mod tests {
+    use maquette_syntax::error::Error;
+    use maquette_value::Mask;
+
     use super::*;
-    use crate::error::Error;
     use crate::format::READERS;
     use crate::reading::{FileReader, reader};
-    use maquette_value::Mask;
 
     struct Careless;
 

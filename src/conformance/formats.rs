@@ -2,10 +2,11 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use super::updates::changed;
-use crate::pack::Format;
 use maquette_value::AnyValue;
 use maquette_value::random::Random;
+
+use super::updates::changed;
+use crate::pack::Format;
 
 /// Pieces of so many bytes are asked for: none of them ends where rows do.
 const PIECES: [usize; 3] = [1, 61, 4099];
@@ -71,11 +72,12 @@ fn mistaken(format: &Format, value: &AnyValue) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_syntax::error::Error;
+    use maquette_value::{Hash, Mask, Mesh};
+
     use super::*;
-    use crate::error::Error;
     use crate::format::FORMATS;
     use crate::pack::{Content, FileFormat, NewFile, format};
-    use maquette_value::{Hash, Mask, Mesh};
 
     #[test]
     fn pieces_of_all_formats_are_those_of_the_whole_file() {

@@ -2,12 +2,13 @@
 
 use std::iter;
 
+use maquette_value::random::Random;
+use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
+
 use super::extremes::Case;
 use super::{inputs, within};
 use crate::graph::{Graph, GraphNode};
 use crate::node::{Previous, Progress};
-use maquette_value::random::Random;
-use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
 
 /// So many changes are made to each value.
 const CHANGES: usize = 12;

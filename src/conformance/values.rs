@@ -172,13 +172,13 @@ fn bare(part: &Part<'_>) -> Part<'static> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix4, Point3};
-
-    use super::*;
     use maquette_value::{
         Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, Faces, Image,
         KnotVector, Mesh, On, Pinhole, Points, RangeImage, Region, Registration, Surface, TYPES,
     };
+    use nalgebra::{Matrix4, Point3};
+
+    use super::*;
 
     const CAMERA: Pinhole = Pinhole { focal: [1400.0, 1390.0], center: [99.5, 98.0] };
 

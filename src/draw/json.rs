@@ -1,10 +1,10 @@
 //! A drawing as data, for viewers that draw it themselves.
 
+use maquette_syntax::error::{Lines, Place};
 use serde_json::{Value as Json, json};
 
 use super::svg::Picture;
 use super::{Block, Drawing};
-use crate::error::{Lines, Place};
 use crate::graph::DraftField;
 
 impl Drawing {

@@ -6,9 +6,10 @@ use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use maquette_value::{AnyValue, Fact, FactValue, Hash};
+
 use super::lock;
 use crate::node::Memos;
-use maquette_value::{AnyValue, Fact, FactValue, Hash};
 
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;
@@ -259,8 +260,9 @@ impl Memos for Cache {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::Mask;
+
+    use super::*;
 
     #[test]
     fn the_least_recently_used_values_are_dropped_first_even_if_somebody_holds_their_outcome() {

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_syntax::error::{Cancelled, Error};
+use maquette_value::Hash;
+
 use super::cache::{Outcome, Values};
 use super::key::Parts;
 use super::plan::Task;
@@ -12,11 +15,9 @@ use super::run::{News, Run, size};
 use super::snapshot::Done;
 use super::trace::Reason;
 use super::{State, lock, or_panic};
-use crate::error::{Cancelled, Error};
 use crate::graph::{ELEMENTS, GraphNode, Link};
 use crate::limit::Estimate;
 use crate::node::{AnyNode, Context, File, Previous, Progress};
-use maquette_value::Hash;
 
 /// A node's files, or the hashes that they have now, if one has just been changed.
 pub(super) enum Loaded {

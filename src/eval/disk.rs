@@ -24,13 +24,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
+use maquette_value::plain;
+use maquette_value::{Bytes, Columns, Hash, ValueType};
+
 use super::cache::{Outcome, Values};
 use super::snapshot::Snapshot;
 use crate::catalog::Catalog;
 use crate::files::KnownFile;
 use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};
-use maquette_value::plain;
-use maquette_value::{Bytes, Columns, Hash, ValueType};
 
 mod doctor;
 mod entry;
@@ -349,10 +350,10 @@ impl Columns for Store {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{AnyValue, Column, Points};
     use nalgebra::Point3;
 
     use super::*;
-    use maquette_value::{AnyValue, Column, Points};
 
     fn store(folder: &Path) -> io::Result<Store> {
         Store::open(folder, "0123456789abcdef0123456789abcdef", u64::MAX, HashMap::new())

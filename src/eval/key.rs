@@ -6,10 +6,10 @@
 
 use std::sync::Arc;
 
+use maquette_value::Hash;
 use serde_json::Value as Json;
 
 use crate::graph::{Recipe, parameter_difference};
-use maquette_value::Hash;
 
 /// What a result is computed from.
 #[derive(Clone, Debug)]
@@ -71,10 +71,10 @@ fn first_difference<T: PartialEq>(now: &[T], before: &[T]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_syntax::LINK;
     use serde_json::json;
 
     use super::*;
-    use crate::text::LINK;
 
     fn recipe(parameters: Json) -> Recipe {
         Recipe::new("Threshold", parameters, &[])

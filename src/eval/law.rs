@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
+use maquette_value::Hash;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
 use super::key::Parts;
@@ -18,7 +19,6 @@ use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::node::CancelToken;
-use maquette_value::Hash;
 
 mod pack;
 mod plain;
@@ -106,7 +106,7 @@ fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
         let broken = match kept {
             Ok(Ok(())) => continue,
             Ok(Err(broken)) => broken,
-            Err(panic) => super::in_words(&*panic),
+            Err(panic) => maquette_syntax::error::in_words(&*panic),
         };
         return Err(TestCaseError::fail(format!("step {place}, {step:?}: {broken}")));
     }

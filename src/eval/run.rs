@@ -6,6 +6,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
+use maquette_syntax::error::Error;
+use maquette_value::{AnyValue, Hash};
+
 use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::Loaded;
 use super::key::Parts;
@@ -14,11 +17,9 @@ use super::plan::{Plan, Task};
 use super::snapshot::{Done, Visited};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
-use crate::error::Error;
 use crate::files::Reads;
 use crate::graph::{ELEMENTS, Graph, GraphNode};
 use crate::node::CancelToken;
-use maquette_value::{AnyValue, Hash};
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {

@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error::Error;
+
 use super::plan::Plan;
 use super::run::News;
 use super::{Evaluation, Evaluator, Observer, State};
-use crate::error::Error;
 use crate::graph::Graph;
 use crate::node::CancelToken;
 

@@ -2,12 +2,12 @@
 //!
 //! The format has y up and z towards the sensor; the upper row comes first. Its unit is not said; the sensor's is mm.
 
+use maquette_value::RangeImage;
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::range_file::{Axes, RangeFile, Rows};
 use super::{excerpt, parse, words};
-use maquette_value::RangeImage;
 
 /// Why bytes are not a range grid in an ABS file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -1,10 +1,9 @@
 //! The file beside a capture that says which cameras took it.
 
+use maquette_value::{Pinhole, RangeImage, Registration};
 use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
 use thiserror::Error;
-
-use maquette_value::{Pinhole, RangeImage, Registration};
 
 /// The name of the camera file of the captures in its folder.
 pub const NAME: &str = "camera.json";

@@ -9,11 +9,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
 use ::image::{DynamicImage, ImageDecoder, Limits};
+use maquette_value::parallel::*;
+use maquette_value::{Image, srgb_from_linear};
 use thiserror::Error;
 
 use super::most_memory;
-use maquette_value::parallel::*;
-use maquette_value::{Image, srgb_from_linear};
 
 /// Why a decoder gives no picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -169,9 +169,9 @@ mod tests {
     use ::tiff::decoder::DecodingResult;
     use ::tiff::encoder::{Compression, TiffEncoder, TiffValue, colortype};
     use expect_test::{Expect, expect};
+    use maquette_value::Image;
 
     use crate::format::{hostile, most_memory, picture_file, png, tiff};
-    use maquette_value::Image;
 
     /// Bytes as a small generator makes them, the same every time.
     fn noise(count: usize) -> Vec<u8> {

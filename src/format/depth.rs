@@ -1,6 +1,8 @@
 //! Depth maps: z per pixel, as 16-bit PNG, or as TIFF or OpenEXR of floats, which a pinhole makes points of. Written as PNG with its camera
 //! file.
 
+use maquette_syntax::error;
+use maquette_value::{Pinhole, RangeImage};
 use serde_json::json;
 use thiserror::Error;
 
@@ -9,9 +11,7 @@ use super::picture_file::Kind;
 use super::range_file::{Axes, RangeFile, Rows};
 use super::tiff::Depths;
 use super::{excerpt, exr, json, png, tiff};
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use maquette_value::{Pinhole, RangeImage};
 
 /// Memory that a pixel of a depth map takes: its sample, its depth and its point.
 pub(super) const BYTES_PER_PIXEL: usize = 36;
@@ -227,12 +227,12 @@ fn camera(range: &RangeImage, pinhole: &Pinhole, per_mm: f64) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Registration;
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
     use crate::format::range_file::tests::is_grid;
     use crate::format::{camera, hostile};
-    use maquette_value::Registration;
 
     const PNG: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
     const TIFF: &[u8] = include_bytes!("../../tests/data/formats/depth32f.tiff");

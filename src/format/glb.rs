@@ -6,6 +6,9 @@
 use std::iter;
 
 use bytemuck::NoUninit;
+use maquette_syntax::error;
+use maquette_value::parallel::*;
+use maquette_value::{Column, Mesh, Rgb, linear_from_srgb};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use thiserror::Error;
@@ -14,12 +17,9 @@ use super::corners::{Split, split};
 use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
-use crate::error;
 use crate::pack::{Content, FileFormat, NewFile};
 use crate::provenance::{Signature, extras_of_glb, padded};
 use crate::reading::{FileReader, Reading};
-use maquette_value::parallel::*;
-use maquette_value::{Column, Mesh, Rgb, linear_from_srgb};
 
 mod accessor;
 mod gltf;
@@ -375,10 +375,10 @@ impl FileReader for MeshGlb {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use nalgebra::Point3;
 
     use super::*;
-    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

@@ -1,5 +1,7 @@
 //! Handles as small texts: RON, JSON and CSV, to be written by hand or by a script.
 
+use maquette_syntax::error::{Error, Place};
+use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::{Value, json};
@@ -7,10 +9,8 @@ use thiserror::Error;
 
 use super::json::print;
 use super::{At, excerpt};
-use crate::error::{Error, Place};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
 
 /// Why bytes are no handles.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -68,14 +68,14 @@ fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
 pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let text = text(bytes)?;
     let place = |offset: usize| At::Line(Place::of(text, offset).line);
-    let (tree, mistakes) = crate::text::parse(text);
+    let (tree, mistakes) = maquette_syntax::parse(text);
     if let Some(mistake) = mistakes.into_iter().next() {
         let at = place(mistake.span.start);
         return Err(HandlesFileError::Syntax { at, message: mistake.message });
     }
     let content = match &tree.kind {
-        crate::text::Kind::List(_) => crate::text::read_tree(&tree).map(Content::of),
-        _ => crate::text::read_tree(&tree),
+        maquette_syntax::Kind::List(_) => maquette_syntax::read_tree(&tree).map(Content::of),
+        _ => maquette_syntax::read_tree(&tree),
     };
     let content = content.map_err(|error| {
         let at = place(error.span.map_or(0, |span| span.start));

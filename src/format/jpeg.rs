@@ -2,6 +2,7 @@
 
 use ::image::error::{DecodingError, ImageError, ImageResult};
 use ::image::{ColorType, ImageDecoder, ImageFormat};
+use maquette_value::Image;
 use thiserror::Error;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -9,7 +10,6 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::decoder::{DecodeError, File};
-use maquette_value::Image;
 
 /// Why bytes are not a picture in a JPEG file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -1,10 +1,10 @@
 //! JSON, for values that are a few numbers: to read by eye and by scripts.
 
+use maquette_syntax::error::Error;
+use maquette_value::{ControlNet, Direction, KnotVector, Labels, Trace};
 use serde_json::{Value, json};
 
-use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
-use maquette_value::{ControlNet, Direction, KnotVector, Labels, Trace};
 
 /// Writes a direction.
 pub(super) struct DirectionJson;

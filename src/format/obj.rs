@@ -3,13 +3,13 @@
 //! Read as a mesh, lines, groups and free-form geometry are passed over, and [`picture`] finds the picture on it; read as a curve, all but lines and free-form
 //! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
 
+use maquette_value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::corners::{FaceList, with_corners};
 use super::finite::{self, Finite};
 use super::{excerpt, parse, picture_file, words};
-use maquette_value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 
 mod curve;
 mod free_form;

@@ -3,18 +3,18 @@
 //! Read in all three encodings, with fields of any type in any order. Written `binary`, with fields x y z as `float` and, if
 //! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
 
+use header::{Encoding, Field, Header, Scalar};
+use maquette_syntax::error;
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::finite::{self, Finite};
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use header::{Encoding, Field, Header, Scalar};
-use maquette_value::parallel::*;
-use maquette_value::{Attribute, Points, RangeImage, Rgb};
 
 mod header;
 mod lzf;

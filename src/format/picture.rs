@@ -1,10 +1,11 @@
 //! Writes meshes and surfaces as pictures: rendered from the front, PNG.
 
-use crate::error::Error;
+use maquette_syntax::error::Error;
+use maquette_value::{Mesh, Surface};
+
 use crate::format::png;
 use crate::pack::{FileFormat, NewFile};
 use crate::render::{View, render};
-use maquette_value::{Mesh, Surface};
 
 /// A rendered mesh.
 pub(super) struct MeshPng;

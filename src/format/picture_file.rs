@@ -7,12 +7,12 @@ use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::hdr::HdrDecoder;
 use ::image::codecs::openexr::OpenExrDecoder;
 use ::image::codecs::webp::WebPDecoder;
+use maquette_value::{Image, Mask, Rgb};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
 use super::{camera, excerpt, jpeg, png, tiff};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Image, Mask, Rgb};
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -111,7 +111,7 @@ impl FileReader for ImageFiles {
     const ENDINGS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &Reading<'_>) -> Result<Image, crate::error::Error> {
+    fn read(file: &Reading<'_>) -> Result<Image, maquette_syntax::error::Error> {
         let image = read(file.bytes())?;
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
@@ -129,7 +129,7 @@ impl FileReader for MaskFiles {
     const ENDINGS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &Reading<'_>) -> Result<Mask, crate::error::Error> {
+    fn read(file: &Reading<'_>) -> Result<Mask, maquette_syntax::error::Error> {
         let image = read(file.bytes())?;
         let is_light = |[r, g, b]: &Rgb| u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128;
         let inside = image.pixels().iter().map(|pixel| u8::from(is_light(pixel)));

@@ -4,16 +4,16 @@
 
 use std::borrow::Cow;
 
+use body::{Body, Rows};
+use faces::FaceTable;
+use header::{Element, Header, Kind, Property, Scalar};
+use maquette_value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::At;
 use super::corners::with_corners;
 use super::finite::Finite;
-use body::{Body, Rows};
-use faces::FaceTable;
-use header::{Element, Header, Kind, Property, Scalar};
-use maquette_value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 
 mod body;
 mod faces;

@@ -1,13 +1,13 @@
 //! Range grids, whatever file they are in, brought to one form: x right, y down, z away from the sensor, mm, row 0 on top.
 
+use maquette_syntax::error;
+use maquette_value::{RangeImage, SizeError};
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
 use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
-use crate::error;
 use crate::reading::{FileReader, Reading};
-use maquette_value::{RangeImage, SizeError};
 
 /// How the coordinates of a range file lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,8 +169,9 @@ impl FileReader for RangeFiles {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::*;
     use maquette_value::Rgb;
+
+    use super::*;
 
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");
 

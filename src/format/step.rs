@@ -6,13 +6,13 @@
 
 use std::fmt::Write;
 
+use maquette_syntax::error;
+use maquette_value::{KnotVector, Surface};
 use nalgebra::{Point3, Vector4};
 use thiserror::Error;
 
 use super::upright::upright_surface;
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use maquette_value::{KnotVector, Surface};
 
 /// Why a surface cannot be written as STEP.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -330,8 +330,9 @@ fn side(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::ControlNet;
+
+    use super::*;
 
     fn text(surface: &Surface) -> String {
         String::from_utf8(encode(surface).unwrap()).unwrap()

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error;
+use maquette_value::{Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
@@ -9,10 +11,8 @@ use super::corners::FaceList;
 use super::rows::floats;
 use super::upright::upright;
 use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, parse, words};
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Mesh, MeshError};
 
 /// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -261,9 +261,10 @@ impl FileReader for MeshStl {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Faces;
+
     use super::*;
     use crate::format::{glb, hostile, obj, ply};
-    use maquette_value::Faces;
 
     const TEXT: &str = "solid a square\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1 0\n\
         \u{20} endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 1 0\n   vertex 0 1 -0.5e0\n\

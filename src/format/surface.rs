@@ -1,10 +1,11 @@
 //! Writes surfaces as meshes fine enough that chords stay within a thousandth of the surface's size.
 
+use maquette_syntax::error::Error;
+use maquette_value::Surface;
+
 use super::glb::MeshGlb;
 use super::ply::MeshPly;
-use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
-use maquette_value::Surface;
 
 /// A surface as a mesh, PLY.
 pub(super) struct SurfacePly;

@@ -7,14 +7,14 @@
 use std::collections::HashMap;
 use std::fmt::Write;
 
+use maquette_syntax::error;
+use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
-use maquette_value::{Mesh, Rgb};
 
 /// Why a mesh cannot be written as 3MF.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -202,10 +202,10 @@ fn write_model(
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use miniz_oxide::inflate::decompress_to_vec;
 
     use super::*;
-    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

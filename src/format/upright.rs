@@ -2,10 +2,9 @@
 
 use std::borrow::Cow;
 
-use nalgebra::Point3;
-
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Attributes, ControlNetError, Mesh, MeshError, Surface};
+use nalgebra::Point3;
 
 /// Half a turn about x: from a sensor's axes (y down, z away) to those of viewers.
 fn turned(point: &Point3<f64>) -> Point3<f64> {
@@ -68,6 +67,8 @@ pub(super) fn upright_surface(surface: &Surface) -> Result<Cow<'_, Surface>, Con
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{CaptureFrame, Faces};
+
     use super::*;
     use crate::format::glb::MeshGlb;
     use crate::format::obj::MeshObj;
@@ -75,7 +76,6 @@ mod tests {
     use crate::format::stl::MeshStl;
     use crate::format::{glb, obj, ply, stl};
     use crate::pack::FileFormat;
-    use maquette_value::{CaptureFrame, Faces};
 
     /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
     fn captured() -> Mesh {
@@ -95,7 +95,7 @@ mod tests {
         let expected =
             [[0.0, 0.0, -500.0], [0.0, -10.0, -500.0], [20.0, 0.0, -520.0]].map(Point3::from);
         let write = |write: fn(&Mesh, &str) -> _| -> Vec<u8> {
-            let files: Result<Vec<crate::pack::NewFile>, crate::error::Error> =
+            let files: Result<Vec<crate::pack::NewFile>, maquette_syntax::error::Error> =
                 write(&captured(), "it.x");
             files.unwrap().swap_remove(0).bytes
         };

@@ -1,14 +1,14 @@
 //! XYZ, points as text: a line each, `x y z`, and a color or a normal behind.
 
+use maquette_syntax::error;
+use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::finite::{self, Finite};
 use super::{check_single, coarse, excerpt, parse, words};
-use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 
 /// Why bytes are not points in an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]

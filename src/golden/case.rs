@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Source, Span, code};
+use maquette_syntax::paths::{MARKER, PathProblem, may_read, project_root};
+use maquette_syntax::{
+    Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree, twice,
+};
+use maquette_value::plain;
+use maquette_value::{Meaning, Part, ValueType};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
 use super::sound::keep_sound;
 use crate::catalog::Catalog;
-use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
-use crate::paths::{MARKER, PathProblem, may_read, project_root};
-use crate::text::{Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree, twice};
-use maquette_value::plain;
-use maquette_value::{Meaning, Part, ValueType};
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";
@@ -191,7 +193,7 @@ fn read_source(
 ) -> Option<TestFile> {
     let (mut tree, mistakes) = parse(&source.text);
     let begin = "begin with `Test(graph: \"name.ron\")`";
-    let mistake = |m: crate::text::Mistake| match m.span.start {
+    let mistake = |m: maquette_syntax::Mistake| match m.span.start {
         // The only mistake of a text with nothing in it.
         0 if tree.is_broken() => finding(code::SYNTAX, m.span, m.message, begin),
         _ => finding(code::SYNTAX, m.span, m.message, m.help),
@@ -559,7 +561,7 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let problems = read(&path, &Catalog::new(&[])).err().unwrap_or_default();
         let line = |problem: &Problem| {
-            let place = crate::error::Place::of(&problem.source.text, problem.span.start);
+            let place = maquette_syntax::error::Place::of(&problem.source.text, problem.span.start);
             format!("{}:{} {} {}", place.line, place.column, problem.code, problem.message)
         };
         problems.iter().map(line).collect()

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use maquette_value::{AnyValue, Mesh};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::json;
 
 use super::parts::{Class, GoldenColumn, GoldenParts};
-use maquette_value::{AnyValue, Mesh};
 
 mod columns;
 mod mesh;

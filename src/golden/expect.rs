@@ -3,17 +3,17 @@
 use std::borrow::Cow;
 use std::convert::Infallible;
 
+use maquette_syntax::error::Problem;
+use maquette_value::{
+    AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
+};
 use nalgebra::Point3;
 
 use super::compare::{distances, six};
 use super::looks::{self, Wrong};
 use super::printable::printable;
 use super::topology::Topology;
-use crate::error::Problem;
 use crate::graph::{Expectation, Expected, Graph};
-use maquette_value::{
-    AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
-};
 
 /// An expectation that does not hold.
 pub(crate) struct Violation {

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use super::expect::counted;
-use crate::error::{Span, code};
-use crate::graph::Expectation;
-use crate::text::{Body, Finding, Help, Kind, Tree, nearest_or_all, with_article};
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Finding, Help, Kind, Tree, nearest_or_all, with_article};
 use maquette_value::{Meaning, Region, Value as _, ValueType};
+
+use super::expect::counted;
+use crate::graph::Expectation;
 
 /// What is wrong with an expectation: the field, the code, what, and what to do.
 type Fault = (&'static str, &'static str, String, Help);

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use maquette_value::{Attribute, Mesh, Region};
 use nalgebra::{Point3, SMatrix, SVector};
 
 use super::compare::six;
-use maquette_value::{Attribute, Mesh, Region};
 
 /// What is wrong, and where.
 pub(super) type Wrong = Option<(String, Vec<Point3<f64>>)>;
@@ -316,8 +316,9 @@ pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{CaptureFrame, Faces};
+
+    use super::*;
 
     /// A sheet of 6 x 6 quads, as a capture of 6 x 6 cells sees it in a picture of 12 x 12 pixels, without the faces in `missing`, its
     /// columns from 3 on rising by `rise`.

@@ -1,9 +1,10 @@
 //! Whether a printer can make a mesh: a solid with walls that are thick enough.
 
+use maquette_value::{AnyValue, Behind, Mesh, TriangleTree};
+
 use super::compare::six;
 use super::expect::{closed, manifold, no_self_intersection};
 use super::looks::Wrong;
-use maquette_value::{AnyValue, Behind, Mesh, TriangleTree};
 
 /// How many places are reported.
 const PLACES: usize = 1000;
@@ -64,10 +65,10 @@ fn walls(mesh: &Mesh, thickness: f64) -> Wrong {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Faces;
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use maquette_value::Faces;
 
     /// A box from the origin.
     fn cuboid(size: [f64; 3]) -> Mesh {

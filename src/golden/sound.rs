@@ -1,7 +1,7 @@
 //! A test without what is wrong in it, so that the rest can be judged as well.
 
-use crate::error::Span;
-use crate::text::{Body, Finding, Kind, Tree};
+use maquette_syntax::error::Span;
+use maquette_syntax::{Body, Finding, Kind, Tree};
 
 /// Takes out the smallest fields and entries in which something was found, or that are broken. Items of lists, such as expectations, go as a
 /// whole: without a field they would say something else.

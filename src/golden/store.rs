@@ -8,6 +8,11 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use maquette_value::parallel::*;
+use maquette_value::{
+    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
+    Surface,
+};
 use nalgebra::Point3;
 
 use super::compare::{Tolerance, distances_of, six};
@@ -15,11 +20,6 @@ use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::format::png;
 use crate::pack::NewFile;
 use crate::render::{View, render};
-use maquette_value::parallel::*;
-use maquette_value::{
-    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
-    Surface,
-};
 
 mod judge;
 #[cfg(test)]

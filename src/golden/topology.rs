@@ -1,8 +1,7 @@
 //! The topology of a mesh in numbers, and its size.
 
-use nalgebra::Point3;
-
 use maquette_value::Mesh;
+use nalgebra::Point3;
 
 /// The topology of a mesh in numbers, which must be equal before any position is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 //! What is wanted and promised of one value, and which of its elements stand against it.
 
-use super::Graph;
 use maquette_value::{AnyValue, Offence};
+
+use super::Graph;
 
 /// A property that somebody wants or promises of a value and that is not sure.
 #[derive(Clone, Debug, PartialEq, Eq)]

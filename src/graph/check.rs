@@ -8,6 +8,9 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
+use maquette_syntax::paths::project_root;
+use maquette_syntax::{Finding, Help, Sheet, Tree};
 use serde_json::{Map, json};
 
 use super::definition::{Definition, Port, World};
@@ -21,10 +24,7 @@ use super::stage::{Counts, Stage};
 use super::top::{TopLevel, field_of};
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
 use crate::files::NodeFile;
-use crate::paths::project_root;
-use crate::text::{Finding, Help, Sheet, Tree};
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
     match options.text(path) {

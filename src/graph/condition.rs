@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use maquette_syntax::{Quantity, Unit, unknown};
+
 use super::expression::{Outcome, evaluate, named_parameters};
-use crate::text::{Quantity, Unit, unknown};
 
 /// A condition whose names are all known.
 pub(crate) struct Condition<'t> {

@@ -1,11 +1,11 @@
 //! A graph's declaration of a parameter: its type, its default, and what values it may have.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Finding, Help, Kind, Origin, Tree, nearest, nearest_or_all};
+use maquette_value::Color;
 use serde_json::{Value as Json, json};
 
 use super::fitting::declaration_in_own_unit;
-use crate::error::{Span, code};
-use crate::text::{Body, Finding, Help, Kind, Origin, Tree, nearest, nearest_or_all};
-use maquette_value::Color;
 
 /// The types that a parameter can have.
 pub(super) const TYPES: [&str; 7] =

@@ -4,6 +4,10 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Source, Span, Use, code};
+use maquette_syntax::paths::{PathProblem, may_read, without_dots};
+use maquette_syntax::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
+use maquette_value::ValueType;
 use semver::Version;
 use serde_json::{Map, Value as Json, json};
 
@@ -19,10 +23,6 @@ use super::top::TopLevel;
 use super::version::Wanted;
 use super::{Options, ReadFile};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Source, Span, Use, code};
-use crate::paths::{PathProblem, may_read, without_dots};
-use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
-use maquette_value::ValueType;
 
 /// Properties that are wanted, and where each stands.
 pub(super) type Wants = Vec<(&'static str, Span)>;

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
+use maquette_syntax::error::Problem;
 use serde_json::{Map, Value as Json};
 
 use super::check::{self, Whole};
 use super::definition::{Definition, World};
 use super::{Graph, Options};
 use crate::catalog::{Catalog, Description};
-use crate::error::Problem;
 
 /// A graph that others use, as far as they see it.
 #[derive(Clone)]

@@ -7,6 +7,9 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
 
+use maquette_syntax::error::{Problem, Source};
+use maquette_syntax::paths::project_root;
+use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
 use serde_json::json;
 
 use super::Graph;
@@ -18,9 +21,6 @@ use super::moved::seen_from;
 use super::patch::{is_patch, patched_tree};
 use super::{Files, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Source};
-use crate::paths::project_root;
-use crate::text::{Body, Kind, Tree, parse, syntax_problems};
 
 /// One difference between two graphs.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,8 +1,7 @@
 //! What differs between the parameters of two nodes, in words.
 
+use maquette_syntax::{FILE, LINK};
 use serde_json::Value as Json;
-
-use crate::text::{FILE, LINK};
 
 /// The first place where two parameters differ, and what stands there; links and files are no parameters.
 pub(crate) fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {

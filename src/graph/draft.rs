@@ -3,6 +3,9 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use maquette_syntax::error::code;
+use maquette_syntax::{Finding, FoundLink, Kind, Name, Tree, nearest};
+use maquette_value::ValueType;
 use serde_json::Value as Json;
 
 use super::check::Check;
@@ -13,10 +16,7 @@ use super::node::{Built, Survey, is_own};
 use super::parameters::{Parameters, is_parametric};
 use super::repeat::{Elements, Pick, Repeat};
 use crate::catalog::{Entry, PortDescription, ports};
-use crate::error::code;
 use crate::node::Output;
-use crate::text::{Finding, FoundLink, Kind, Name, Tree, nearest};
-use maquette_value::ValueType;
 
 /// A node while it is checked.
 pub(super) struct Draft {

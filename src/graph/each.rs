@@ -2,11 +2,12 @@
 
 use std::collections::HashSet;
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Field, Help, Kind, Name, Tree, nearest_or_all};
+
 use super::check::Check;
 use super::quality::chosen;
 use super::top::{field_of, name_of};
-use crate::error::{Span, code};
-use crate::text::{Body, Field, Help, Kind, Name, Tree, nearest_or_all};
 
 /// A `ForEach`: one node for each element of a list.
 pub(super) struct Each {

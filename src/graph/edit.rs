@@ -4,14 +4,14 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Source, code};
+use maquette_syntax::{Kind, parse, quoted, syntax_problems};
 use serde::Deserialize;
 
 use super::check::load_text;
 use super::migrate::{ready_for, renewed_target, renewed_text};
 use super::{Checked, Files, Graph, Options, patch};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source, code};
-use crate::text::{Kind, parse, syntax_problems};
 
 mod element;
 mod left_out;
@@ -27,8 +27,8 @@ pub(super) use place::{Refusal, field, place, unreachable_part};
 pub(super) use references::Reference;
 pub(super) use references::{Names, References};
 pub(super) use splice::{
-    Splice, Tail, added, apply, behind, indent_of, newline, opened, parts, put_entry, quoted,
-    reindented, without, without_blank_lines,
+    Splice, Tail, added, apply, behind, indent_of, newline, opened, parts, put_entry, reindented,
+    without, without_blank_lines,
 };
 use structure::Structure;
 pub(super) use structure::may_name;

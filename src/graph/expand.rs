@@ -6,6 +6,9 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Use, code};
+use maquette_syntax::{Body, Field, Finding, Kind, Tree};
+
 use super::check::{Check, Whole};
 use super::definition::{Definition, World, deeper};
 use super::draft::{Draft, What};
@@ -19,8 +22,6 @@ use super::stage::{Counts, Loop};
 use super::top::name_of;
 use super::unknown::unknown_node;
 use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
-use crate::error::{Problem, Severity, Use, code};
-use crate::text::{Body, Field, Finding, Kind, Tree};
 
 mod elements;
 mod expect;

@@ -1,11 +1,11 @@
 //! What a graph or test expects of a value: its words, not yet the judgement.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Finding, Help, Kind, Tree, Walk, read_tree};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::fitting::calls_in_plain_numbers;
-use crate::error::{Span, code};
-use crate::text::{Body, Finding, Help, Kind, Tree, Walk, read_tree};
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -257,8 +257,9 @@ pub(super) fn schema() -> serde_json::Value {
 
 #[cfg(test)]
 mod tests {
+    use maquette_syntax::parse;
+
     use super::*;
-    use crate::text::parse;
 
     #[test]
     fn the_texts_that_name_values_are_those_that_are_read() {

@@ -3,14 +3,15 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
+use maquette_syntax::{Kind, Tree};
+
 use super::check::Check;
 use super::definition::Port;
 use super::draft::Draft;
 use super::expectation::Expectation;
 use super::link::Names;
 use super::{Graph, GraphOutput};
-use crate::error::{Place, Problem, Severity, Source, Span, Use, code};
-use crate::text::{Kind, Tree};
 
 /// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
 pub(super) struct Expecting {

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use crate::text::{Help, Quantity, Unit, cut, nearest, unit_names};
+use maquette_syntax::{Help, Quantity, Unit, cut, nearest, unit_names};
 
 /// What an expression gives.
 #[derive(Clone, Copy, Debug, PartialEq)]

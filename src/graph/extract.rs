@@ -3,24 +3,25 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::{Problem, Span, code};
+use maquette_syntax::paths::folder_of_new;
+use maquette_syntax::quoted;
+use maquette_syntax::{Ends, Tree, nearest_or_all};
+
 use super::check::folder_of;
 use super::draft::What;
 use super::edit::{
-    Edited, Judge, Refusal, Splice, added, apply, behind, field, newline, parts, put_entry, quoted,
+    Edited, Judge, Refusal, Splice, added, apply, behind, field, newline, parts, put_entry,
     reindented,
 };
 use super::format::entry_form;
 use super::meaning::named_node;
 use super::migrate::kind_of;
-use super::moved::{
-    Known, Linked, folder_of_new, free_name, moved, part_with, path_between, path_of_use, refusal,
-};
+use super::moved::{Known, Linked, free_name, moved, part_with, path_of_use, refusal};
 use super::needs::Needs;
 use super::top::field_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Span, code};
-use crate::text::{Ends, Tree, nearest_or_all};
 
 mod border;
 mod naming;

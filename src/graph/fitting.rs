@@ -1,11 +1,11 @@
 //! What fields and parameters say once `Param`, `Expr` and `cm(1.2)` are worked out: plain numbers in the unit of each.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Expected, Field, Finding, Help, Kind, Origin, Quantity, Tree, Unit};
 use serde_json::{Value as Json, json};
 
 use super::parameters::{Parameters, Worked, is_computed};
 use super::quality::{each_side, is_draft};
-use crate::error::{Span, code};
-use crate::text::{Body, Expected, Field, Finding, Help, Kind, Origin, Quantity, Tree, Unit};
 
 /// Works out the values in a call.
 struct Fitting<'a> {

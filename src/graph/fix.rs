@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use maquette_syntax::error::{Problem, code};
+
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, code};
 
 impl Graph {
     /// A text for the file at `path` in which problems with one answer are gone, and what was wrong, in the order in which it was mended.

@@ -10,9 +10,10 @@ use std::mem::take;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::{Ends, Token, parse, printed, syntax_problems, tokens};
+
 use super::Graph;
-use crate::error::{Problem, Severity, Source, Span, code};
-use crate::text::{Ends, Token, parse, printed, syntax_problems, tokens};
 
 /// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
 /// one line; at 120 every fifth of the long ones would become a block of five to ten lines.

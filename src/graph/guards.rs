@@ -3,9 +3,10 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
+
 use super::expected::Expected;
 use super::{ELEMENTS, Graph, GraphNode, Link};
-use crate::error::{Place, Problem, Severity, Source, Span, Use, code};
 use crate::node::Source as Origin;
 
 /// A test of a value that comes to a node.

@@ -3,25 +3,28 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::{Problem, Span, code};
+use maquette_syntax::paths::folder_of_new;
+use maquette_syntax::paths::without_dots;
+use maquette_syntax::quoted;
+use maquette_syntax::{Field, Kind, Tree, nearest_or_all, with_article};
+
 use super::definition::Definition;
 use super::draft::What;
 use super::edit::{
     Edit, Edited, Judge, Refusal, Splice, added, apply, behind, field, opened, parts, put_entry,
-    quoted, without,
+    without,
 };
 use super::expectation::Expectation;
 use super::meaning::named_node;
 use super::migrate::kind_of;
 use super::moved::{
-    Given, Known, Sides, folder_of_new, free_name, gap_behind, indented_entries, part_with,
-    path_of_use, put_in_place, put_values, refusal,
+    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with, path_of_use,
+    put_in_place, put_values, refusal,
 };
 use super::top::name_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Span, code};
-use crate::paths::without_dots;
-use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 
 impl Graph {
     /// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`Graph::extract`] has done is undone.

@@ -4,6 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Error, Problem, Severity, Span, code};
+use maquette_syntax::{Tree, nearest_or_all, with_article};
+use maquette_value::{AnyValue, ValueType};
 use serde_json::json;
 
 use super::check::{first, judged};
@@ -13,10 +16,7 @@ use super::node::Built;
 use super::recipe::Recipe;
 use super::{Graph, GraphOutput, Options, Shape};
 use crate::catalog::Catalog;
-use crate::error::{Error, Problem, Severity, Span, code};
 use crate::node::{AnyNode, Context, FilePath};
-use crate::text::{Tree, nearest_or_all, with_article};
-use maquette_value::{AnyValue, ValueType};
 
 /// Values for the inputs of a graph, by their names.
 pub type InputValues = BTreeMap<String, AnyValue>;

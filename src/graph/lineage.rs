@@ -1,5 +1,6 @@
 //! Which values from outside may shape an output: those that are named by what it hangs on, `Switch`es included.
 
+use maquette_syntax::{Body, Kind, Tree, parse};
 use serde_json::Value as Json;
 
 use super::Options;
@@ -8,7 +9,6 @@ use super::expression::named_parameters;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::repeat::Repeat;
-use crate::text::{Body, Kind, Tree, parse};
 
 /// The values from outside that may shape an output.
 #[derive(Debug, Default)]

@@ -2,15 +2,16 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{FoundLink, Help, any_of, nearest_or_all, with_article};
+use maquette_value::ValueType;
+
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
 use super::needs::Needs;
 use super::top::name_of;
-use crate::error::{Span, code};
 use crate::node::Output;
-use crate::text::{FoundLink, Help, any_of, nearest_or_all, with_article};
-use maquette_value::ValueType;
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.
 const MOST_LINKS: usize = 64;

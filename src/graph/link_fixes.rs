@@ -1,11 +1,12 @@
 //! Edits that make problems of links go away, where there is one answer.
 
+use maquette_syntax::FoundLink;
+use maquette_syntax::error::{MOST_TOLD, Span};
+use maquette_value::ValueType;
+
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::needs::Needs;
-use crate::error::{MOST_TOLD, Span};
-use crate::text::FoundLink;
-use maquette_value::ValueType;
 
 /// What stands at a span becomes the text.
 type Edit = (Span, String);

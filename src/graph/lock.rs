@@ -9,14 +9,15 @@ use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::{Kind, Tree, parse, syntax_problems};
+use maquette_value::Hash;
+use maquette_value::plain;
+
 use super::check::{first, folder_of};
 use super::definition::World;
 use super::{Difference, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source, Span, code};
-use crate::text::{Kind, Tree, parse, syntax_problems};
-use maquette_value::Hash;
-use maquette_value::plain;
 
 /// The ending of lock files.
 pub(crate) const ENDING: &str = "lock.ron";

@@ -7,6 +7,10 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{
+    Body, Field, Kind, Name, Quantity, Tree, as_tree, inside_option, resolve, variants,
+};
 use serde_json::Value as Json;
 
 use super::describe::Subgraph;
@@ -17,10 +21,6 @@ use super::minimal::{EMPTY, is_empty, is_usual_most};
 use super::parameters::is_computed;
 use super::quality::{draft_of, is_draft};
 use crate::catalog::{Catalog, Entry};
-use crate::error::Span;
-use crate::text::{
-    Body, Field, Kind, Name, Quantity, Tree, as_tree, inside_option, resolve, variants,
-};
 
 /// The parts of a graph whose entries have names.
 pub(super) const SECTIONS: [(&str, &str); 5] = [

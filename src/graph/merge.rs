@@ -7,13 +7,14 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use maquette_syntax::error::{Problem, Severity, Source};
+use maquette_syntax::{Ends, Tree, parse, syntax_problems};
+
 use super::diff::Change;
 use super::edit::renamed_in;
 use super::minimal::cuts;
 use super::{Difference, Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source};
-use crate::text::{Ends, Tree, parse, syntax_problems};
 
 mod align;
 mod lines;

@@ -6,14 +6,16 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::edit::{Splice, added, apply, quoted, without};
+use maquette_syntax::error::{Problem, Source, Span, code};
+use maquette_syntax::quoted;
+use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
+
+use super::edit::{Splice, added, apply, without};
 use super::patch::patched_tree;
 use super::quality::{each_side, is_draft};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Source, Span, code};
 use crate::pack::{Migration, NewValue};
-use crate::text::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
 
 mod puts;
 #[cfg(feature = "cli")]

@@ -3,6 +3,8 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};
 use serde_json::Value as Json;
 
 use super::check::{first, load_text};
@@ -12,8 +14,6 @@ use super::meaning::{entries, is_default, named_node};
 use super::repeat::MOST;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Span};
-use crate::text::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};
 
 /// The fields of a graph that say nothing if there is nothing in them.
 pub(super) const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];

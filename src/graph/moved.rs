@@ -6,22 +6,21 @@ mod paths;
 mod same;
 mod values;
 
-pub(super) use crate::paths::{folder_of_new, path_between};
+use std::sync::Arc;
+
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
+use maquette_syntax::error::{Problem, Span, code};
+use maquette_syntax::{parse, syntax_problems};
 pub(super) use paths::{path_of_use, seen_from};
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
-
-use std::sync::Arc;
 
 use super::check::{Whole, load_whole};
 use super::definition::World;
 use super::edit::{Judge, Refusal};
 use super::patch::is_patch;
 use super::{Files, Options};
-use crate::error::{Problem, Span, code};
-use crate::text::{parse, syntax_problems};
 
 impl Judge<'_> {
     /// What a graph says and computes whose nodes are to be moved.

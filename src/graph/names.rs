@@ -5,6 +5,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Body, Field, Kind, Name, Tree, parse};
+
 use super::check::{Whole, first, folder_of};
 use super::definition::Definition;
 use super::edit::{Names, Reference, References};
@@ -14,8 +17,6 @@ use super::meaning::{entries, named_node};
 use super::top::name_of;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::Span;
-use crate::text::{Body, Field, Kind, Name, Tree, parse};
 
 /// What has a name of its author.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

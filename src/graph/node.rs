@@ -4,6 +4,13 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::paths::{PathProblem, may_read};
+use maquette_syntax::{
+    Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
+    nearest_or_all, unit_names,
+};
+
 use super::check::Check;
 use super::definition::Used;
 use super::draft::{Draft, What};
@@ -15,14 +22,8 @@ use super::quality::{has_draft, is_draft, is_side};
 use super::recipe::Recipe;
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
-use crate::error::{Span, code};
 use crate::files::NodeFile;
 use crate::node::AnyNode;
-use crate::paths::{PathProblem, may_read};
-use crate::text::{
-    Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
-    nearest_or_all, unit_names,
-};
 
 /// A node's fields, looked at: the values that they have, and the links and files among them.
 pub(super) struct Survey {

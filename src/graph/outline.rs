@@ -6,6 +6,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Lines, Place, Span};
+use maquette_syntax::{Body, Kind, Sheet, Token, Tree, tokens};
 use serde::Serialize;
 use serde_json::Value as Json;
 
@@ -17,8 +19,6 @@ use super::meaning::{entries, named_node};
 use super::quality::has_draft;
 use super::{Checked, Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Lines, Place, Span};
-use crate::text::{Body, Kind, Sheet, Token, Tree, tokens};
 
 /// The parts of a graph's text, each section in the order of the text.
 #[derive(Debug, Serialize)]

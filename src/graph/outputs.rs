@@ -4,16 +4,17 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::paths::stays_inside;
+use maquette_syntax::{Tree, with_article};
+use maquette_value::ValueType;
+use maquette_value::plain::ending;
+
 use super::check::Check;
 use super::definition::Port;
 use super::draft::Draft;
 use super::link::Names;
 use super::{GraphOutput, is_name};
-use crate::error::{Span, code};
-use crate::paths::stays_inside;
-use crate::text::{Tree, with_article};
-use maquette_value::ValueType;
-use maquette_value::plain::ending;
 
 impl Check<'_, '_> {
     /// The files that a graph gives, and those of which it is not known what they hold.

@@ -5,16 +5,16 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use indexmap::IndexMap;
+use maquette_syntax::error::{MOST_TOLD, Span, code};
+use maquette_syntax::{
+    Body, Field, Finding, Given, Help, Kind, Origin, Quantity, Sheet, Tree, Unit, cut,
+    nearest_or_all, parse,
+};
 
 use super::declaration::Declaration;
 use super::expression::{ExpressionError, Outcome, evaluate, named_parameters};
 use super::fitting::in_own_unit;
 use super::quality::{chosen, is_draft};
-use crate::error::{MOST_TOLD, Span, code};
-use crate::text::{
-    Body, Field, Finding, Given, Help, Kind, Origin, Quantity, Sheet, Tree, Unit, cut,
-    nearest_or_all, parse,
-};
 
 /// The values of a graph's parameters.
 #[derive(Clone, Debug, Default)]

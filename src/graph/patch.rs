@@ -8,15 +8,16 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Source, Span, code};
+use maquette_syntax::{
+    Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, fields_twice, nearest_or_all, twice,
+};
+
 use super::Options;
 use super::check::{Check, first, folder_of};
 use super::edit::{Splice, place, written};
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
 use crate::catalog::Catalog;
-use crate::error::{Source, Span, code};
-use crate::text::{
-    Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, fields_twice, nearest_or_all, twice,
-};
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -28,7 +29,7 @@ pub(super) fn patched_tree(
     let (_, whole) = first(path, text.clone(), catalog, options);
     match whole {
         Some(whole) => Arc::unwrap_or_clone(whole.definition.tree),
-        None => crate::text::parse(&text).0,
+        None => maquette_syntax::parse(&text).0,
     }
 }
 
@@ -41,7 +42,7 @@ pub(super) const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
 impl Check<'_, '_> {
     /// The tree of the file's text. If it is a patch, of the graph that it makes of another one; the sheet is that graph's, then.
     pub(super) fn tree(&mut self) -> Option<Tree> {
-        let (tree, mistakes) = crate::text::parse(&self.sheet.source.text);
+        let (tree, mistakes) = maquette_syntax::parse(&self.sheet.source.text);
         if self.is_newer(&tree) {
             return None;
         }
@@ -50,7 +51,7 @@ impl Check<'_, '_> {
             return Some(tree);
         }
         self.sheet = self.patched(&tree)?;
-        let (tree, mistakes) = crate::text::parse(&self.sheet.source.text);
+        let (tree, mistakes) = maquette_syntax::parse(&self.sheet.source.text);
         self.whole_tree(tree, mistakes)
     }
 
@@ -105,7 +106,7 @@ impl Check<'_, '_> {
             return None;
         };
         let mut sheet = self.base(&path, span)?;
-        let (graph, _) = crate::text::parse(&sheet.source.text);
+        let (graph, _) = maquette_syntax::parse(&sheet.source.text);
         puts.retain_mut(|(target, named, ..)| {
             match written(&graph, target, self.world.options.draft) {
                 Ok(now) => {
@@ -120,7 +121,7 @@ impl Check<'_, '_> {
             }
         });
         sheet = self.up_to_date(sheet, &puts);
-        let (graph, _) = crate::text::parse(&sheet.source.text);
+        let (graph, _) = maquette_syntax::parse(&sheet.source.text);
         for (mut target, named, field, value) in puts {
             let mut text = own.source.text[value.span.start..value.span.end].to_owned();
             if let Some((now, put)) = renewed_target(&graph, &target, &value, self.world.catalog) {
@@ -155,7 +156,7 @@ impl Check<'_, '_> {
     fn up_to_date(&mut self, mut sheet: Arc<Sheet>, puts: &[Wanted]) -> Arc<Sheet> {
         let nodes = puts.iter().filter_map(|(target, ..)| Some(target.split_once('.')?.0));
         for name in BTreeSet::from_iter(nodes) {
-            let (tree, _) = crate::text::parse(&sheet.source.text);
+            let (tree, _) = maquette_syntax::parse(&sheet.source.text);
             let told = renewed_node(&tree, name, self.world.catalog);
             let told = told.into_iter().map(|finding| sheet.problem(finding, &self.uses));
             self.world.problems.extend(told);

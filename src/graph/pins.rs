@@ -10,16 +10,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Error, Problem, Severity, Source, Span, code};
+use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
 
 use super::check::load_text;
 use super::definition::World;
 use super::recipe::Recipe;
 use super::{Files, GraphNode, Options};
-use crate::error::{Error, Problem, Severity, Source, Span, code};
 use crate::files::NodeFile;
 use crate::node::{AnyNode, Context, FilePath};
-use maquette_value::{AnyValue, Hash, ValueType};
 
 mod ancestry;
 mod bytes;

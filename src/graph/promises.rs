@@ -1,13 +1,14 @@
 //! Properties in graph files: what a graph wants of its inputs, and promises of its outputs.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Help, Kind, Tree, nearest_or_all, with_article};
+use maquette_value::ValueType;
+
 use super::check::Check;
 use super::definition::{Definition, Port};
 use super::expectation::Expectation;
 use super::expected::Expecting;
 use super::top::TopLevel;
-use crate::error::{Span, code};
-use crate::text::{Help, Kind, Tree, nearest_or_all, with_article};
-use maquette_value::ValueType;
 
 impl Definition {
     /// Its outputs and the properties that it promises of them.

@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, nearest_or_all, parse};
+
 use super::Graph;
 use super::diff::joined;
 use super::meaning::{entries, show};
-use crate::error::{Span, code};
-use crate::text::{Body, Field, Finding, Help, Kind, Name, Tree, nearest_or_all, parse};
 
 /// The fields of a `Draft`: of final runs, and of drafts.
 const SIDES: [&str; 2] = ["final", "draft"];

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use maquette_syntax::FILE;
+use maquette_value::Hash;
+use maquette_value::plain::ending;
 use serde_json::{Value as Json, json};
 
 use crate::files::NodeFile;
-use crate::text::FILE;
-use maquette_value::Hash;
-use maquette_value::plain::ending;
 
 /// What a node is, apart from what comes in: all that is known when its graph is read.
 #[derive(Debug)]

@@ -3,6 +3,9 @@
 //! It is checked as one node, whose data come from a draft of their own. [`super::expand`] makes as many nodes of it as are known,
 //! or one example.
 
+use maquette_syntax::error::code;
+use maquette_syntax::{Body, Field, Kind, Name, Tree, nearest_or_all};
+
 use super::check::Check;
 use super::definition::Used;
 use super::draft::{Draft, What, link_of};
@@ -10,8 +13,6 @@ use super::each::{Over, Repeated, numbered};
 use super::parameters::Parameters;
 use super::top::name_of;
 use crate::catalog::PortDescription;
-use crate::error::code;
-use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
 /// A `ForEach` has no more elements than this, unless it says so.
 pub(super) const MOST: usize = 10_000;

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use maquette_value::Hash;
+
 use super::GraphNode;
 use super::needs::Needs;
-use maquette_value::Hash;
 
 /// What an evaluation wants to know of a graph without touching its nodes.
 #[derive(Debug)]

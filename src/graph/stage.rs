@@ -7,6 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use maquette_syntax::Tree;
+use maquette_syntax::error::{Error, Problem};
+use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
 use serde_json::json;
 
 use super::check::Whole;
@@ -18,10 +21,7 @@ use super::recipe::Recipe;
 use super::repeat::Elements;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::error::{Error, Problem};
 use crate::node::{AnyNode, Context, FilePath};
-use crate::text::Tree;
-use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
 
 /// How many elements each `ForEach` over data has, by its name, as far as that is known.
 pub(crate) type Counts = BTreeMap<String, Count>;

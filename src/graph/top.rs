@@ -2,9 +2,10 @@
 
 use std::collections::{HashMap, HashSet};
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Field, Kind, Tree, nearest_or_all, with_article};
+
 use super::check::Check;
-use crate::error::{Span, code};
-use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 
 /// The version of the file format that this program reads.
 const FORMAT: f64 = 1.0;

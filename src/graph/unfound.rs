@@ -1,13 +1,14 @@
 //! What is said of a name that leads nowhere because it counts too far, or goes into a graph that another one uses: `inspect` shows such
 //! names, but links and expectations stop at outputs.
 
+use maquette_syntax::{Help, nearest_or_all, unknown};
+
 use super::Graph;
 use super::check::Check;
 use super::definition::Definition;
 use super::draft::{Draft, What};
 use super::each::element_name;
 use super::link::{Named, Names};
-use crate::text::{Help, nearest_or_all, unknown};
 
 impl Check<'_, '_> {
     /// What is wrong with a link to a node whose name has a `/` in it, and what to do; none if nothing of it is known.

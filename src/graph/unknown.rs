@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
+use maquette_syntax::Tree;
+use maquette_syntax::error::{Error, Problem, Severity, code};
+use maquette_value::AnyValue;
 use serde_json::json;
 
 use super::Checked;
 use super::check::Check;
 use super::node::Built;
 use super::recipe::Recipe;
-use crate::error::{Error, Problem, Severity, code};
 use crate::node::{AnyNode, Context, FilePath};
-use crate::text::Tree;
-use maquette_value::AnyValue;
 
 /// What stands for a node of an unknown type, with what the check tells of it.
 struct Unknown(Option<Problem>);

@@ -1,11 +1,11 @@
 //! Versions of graphs: which one a file has, and whether it is one that a use wants.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Help, Kind, Tree, nearest_or_all};
 use semver::{Version, VersionReq};
 
 use super::check::Check;
 use super::definition::Definition;
-use crate::error::{Span, code};
-use crate::text::{Help, Kind, Tree, nearest_or_all};
 
 /// What a graph says of another one that it uses.
 pub(super) struct Wanted<'t> {

@@ -1,9 +1,9 @@
 //! All words that a graph file may hold beside the names of its author, for the documentation to be judged by.
 
+use maquette_syntax::{resolve, variants};
 use serde_json::Value as Json;
 
 use super::{declaration, definition, each, expectation, expression, patch, top};
-use crate::text::{resolve, variants};
 
 /// A word of the language of graphs.
 pub(crate) struct Word {

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use expect_test::expect_file;
+use maquette_syntax::{Body, Kind, Tree, parse};
 
 use super::*;
 use crate::graph::Word;
-use crate::text::{Body, Kind, Tree, parse};
 
 #[test]
 fn every_file_of_the_folder_is_a_topic() {

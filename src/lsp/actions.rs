@@ -1,16 +1,16 @@
 //! What an editor offers to do at a place: mend a problem, mend all, look at a node.
 
 use gen_lsp_types::{CodeActionParams, CodeActionTriggerKind};
+use maquette_syntax::error::Problem;
+use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
 use super::checker::diagnostic;
 use super::outline::{self, Symbol};
 use super::project::Texts;
 use super::{Refused, Server, Subject};
-use crate::error::Problem;
 use crate::graph::{Graph, real};
 use crate::suite::FileKind;
-use crate::text::first_word;
 
 impl Server {
     pub(super) fn actions(

@@ -10,6 +10,8 @@ use gen_lsp_types::{
     DocumentSymbolParams, FoldingRangeParams, HoverParams, InlayHintParams, PrepareRenameParams,
     ReferenceParams, RenameParams, SemanticTokensParams, TextDocumentPositionParams, Uri,
 };
+use maquette_syntax::error::Span;
+use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
 use super::completion::{Proposal, Sort, proposals};
@@ -17,9 +19,7 @@ use super::outline::{self, MEANINGS, Meaning};
 use super::place::Lines;
 use super::project::{Found, Texts};
 use super::{Refused, Server, Subject, read};
-use crate::error::Span;
 use crate::graph::{Graph, Symbol, name_of};
-use crate::text::first_word;
 
 /// Most clients show no more colors or lenses of one text.
 const MOST: usize = 2_000;

@@ -9,12 +9,12 @@ use std::thread::JoinHandle;
 
 use gen_lsp_types::Uri;
 use lsp_server::{Message, Notification};
+use maquette_syntax::error::{Problem, Severity, Span, code};
 use serde_json::{Value as Json, json};
 
 use super::Client;
 use super::place::{Lines, uri_of};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Span, code};
 use crate::graph::{Options, real};
 use crate::suite::FileKind;
 

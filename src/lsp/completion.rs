@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Cursor, Passed, TypedKind, cursor, each_word};
+
 use super::library::Library;
 use super::scope::{Declared, Scope};
 use super::slot::{FieldOf, Inside, Keys, Slot, Slots};
-use crate::error::Span;
-use crate::text::{Cursor, Passed, TypedKind, cursor, each_word};
 
 mod values;
 

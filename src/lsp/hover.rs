@@ -1,13 +1,13 @@
 //! What is said of the word under the pointer.
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Cursor, TypedKind, cursor, unit_names, variants};
 use serde_json::Value as Json;
 
 use super::last::Last;
 use super::library::{Library, NodeKind};
 use super::scope::{Declared, Scope};
 use super::slot::{Inside, Slot, Slots, fields_of};
-use crate::error::Span;
-use crate::text::{Cursor, TypedKind, cursor, unit_names, variants};
 
 /// What is said of a place, as Markdown, and of which part of the text.
 pub(super) fn hover(

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::OnceLock;
 
+use maquette_syntax::inside;
+use maquette_syntax::paths::without_dots;
 use serde_json::{Value as Json, json};
 
 use super::scope::Scope;
@@ -15,8 +17,6 @@ use crate::catalog::Catalog;
 use crate::golden;
 use crate::graph::{Expectation, Graph, Options, Word, words};
 use crate::language::TOPICS;
-use crate::paths::without_dots;
-use crate::text::inside;
 
 /// A type of nodes: built in, or a graph.
 pub(super) struct NodeKind {
@@ -355,7 +355,7 @@ fn words_of<'w>(words: impl IntoIterator<Item = (&'w str, &'w str)>) -> Slot {
 }
 
 fn units() -> Slot {
-    words_of(crate::text::unit_names().map(|unit| (unit, "")))
+    words_of(maquette_syntax::unit_names().map(|unit| (unit, "")))
 }
 
 impl About {

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Frame, Passed, Token, TypedKind, each_word, tokens, unit_names};
+use maquette_value::Color;
+
 use super::library::Library;
 use super::scope::{Declared, Scope};
 use super::slot::{Slot, Slots};
-use crate::error::Span;
-use crate::text::{Frame, Passed, Token, TypedKind, each_word, tokens, unit_names};
-use maquette_value::Color;
 
 /// An entry of a section, from its name to the end of its value.
 pub(super) struct Symbol {

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use gen_lsp_types::{Position, PositionEncodingKind, Range, TextEdit, Uri};
 use line_index::{LineCol, LineIndex, TextSize, WideEncoding, WideLineCol};
+use maquette_syntax::error::Span;
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
-
-use crate::error::Span;
 
 /// What a column counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

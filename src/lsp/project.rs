@@ -4,15 +4,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Span};
+use maquette_syntax::paths::project_root;
+use maquette_syntax::{Passed, each_word};
+
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Span};
 use crate::golden::case;
 use crate::graph::{
     Graph, Named, NamesOf, Options, Symbol, SymbolSort, field_of, is_name, is_type_name, real,
 };
-use crate::paths::project_root;
 use crate::suite::FileKind;
-use crate::text::{Passed, each_word};
 
 /// Folders deeper than this are not looked into.
 const DEEPEST: usize = 12;

@@ -2,13 +2,13 @@
 //! chosen, if the editor can ask then.
 
 use gen_lsp_types::Uri;
+use maquette_syntax::error::Problem;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 
 use super::outline::Symbol;
 use super::project::Texts;
 use super::{Refused, Server, Subject};
-use crate::error::Problem;
 use crate::graph::{Extracted, Extraction, Graph};
 
 /// What is done to which nodes.

@@ -1,7 +1,7 @@
 //! The names that a text declares, as far as it is written: for what links, parameters and patches may name.
 
-use crate::error::Span;
-use crate::text::{Frame, Name, Passed, TypedKind, each_word};
+use maquette_syntax::error::Span;
+use maquette_syntax::{Frame, Name, Passed, TypedKind, each_word};
 
 /// What a text declares.
 #[derive(Clone, Debug, Default, PartialEq)]

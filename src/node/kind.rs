@@ -2,13 +2,13 @@
 
 use std::borrow::Cow;
 
+use maquette_syntax::Reader;
+use maquette_syntax::error::Error;
+use maquette_value::{AnyValue, ValueType};
 use schemars::Schema;
 
 use super::{Carry, Context, FilePath, Node, Outputs, Previous, Source, Term};
-use crate::error::Error;
 use crate::limit::Estimate;
-use crate::text::Reader;
-use maquette_value::{AnyValue, ValueType};
 
 /// What the engine knows of a node. Made by [`node`].
 #[derive(Clone, Copy)]
@@ -18,7 +18,7 @@ pub struct NodeType {
     pub(crate) outputs: fn() -> Vec<Output>,
     pub(crate) terms: fn() -> Vec<Term>,
     pub(crate) carries: fn() -> &'static [Carry],
-    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
+    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, maquette_syntax::ReadError>,
     /// The id of the build that its code is of; empty if that is not known.
     pub(crate) build: fn() -> &'static str,
     /// The version of its pack; empty if that is not known.

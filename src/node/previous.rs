@@ -1,7 +1,8 @@
 //! What a node is given of its last run.
 
-use super::{Context, In, PortType, at_port};
 use maquette_value::{AnyValue, Value};
+
+use super::{Context, In, PortType, at_port};
 
 /// What came to a node, and what it gave, when it ran with the same parameters and files.
 pub struct Previous<'a> {

@@ -164,8 +164,9 @@ impl Term {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{Mesh, Value};
+
+    use super::*;
 
     #[test]
     fn who_keeps_the_faces_of_a_mesh_keeps_all_that_may_hold_of_it() {

@@ -4,7 +4,6 @@ use std::any::Any;
 use std::ops::Range;
 
 use blake3::hazmat::{self, ChainingValue, HasherExt, Mode};
-
 use maquette_value::Hash;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;

@@ -8,8 +8,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::writing;
 use maquette_value::plain;
+
+use crate::writing;
 
 /// Port and token of a page.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,10 +1,9 @@
 //! What of a value is under the pointer, where it lies in space.
 
+use maquette_value::{AnyValue, Attribute, Attributes, Axes, Layer, Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
-
-use maquette_value::{AnyValue, Attribute, Attributes, Axes, Layer, Mesh, TriangleTree};
 
 /// How far beside the ray a point may be if nothing else is said: a share of its distance.
 const RADIUS: f64 = 0.01;
@@ -212,8 +211,9 @@ fn values(attributes: &Attributes, element: usize) -> Json {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{Arrows, Cloud, Faces, Lines, Points};
+
+    use super::*;
 
     fn pick(layers: Vec<Layer>, sight: &Json) -> Json {
         let axes = layers.iter().find_map(Layer::axes).unwrap_or_default();

@@ -7,12 +7,12 @@ use std::sync::{Arc, OnceLock};
 
 use axum::body::Bytes;
 use bytemuck::NoUninit;
+use maquette_value::{AnyValue, Axes, Column, Hash, Image, Layer, Picture, Series, hash_of};
 use serde_json::{Value as Json, json};
 
 use super::pick::Pickable;
 use crate::graph::{Asked, Broken};
 use crate::render::{Field, Ground, Look, Ruler, Shape, Shapes, fitted, picture, picture_of};
-use maquette_value::{AnyValue, Axes, Column, Hash, Image, Layer, Picture, Series, hash_of};
 
 /// The longest side of a picture that every graphics card takes.
 const MOST_PIXELS: usize = 8192;
@@ -289,8 +289,9 @@ pub(super) fn changes(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::TYPES;
+
+    use super::*;
 
     /// A column after its changes.
     fn changed(old: &[u8], changes: &[u8]) -> Vec<u8> {

@@ -3,10 +3,10 @@
 //! *View space* has x right, y up and z towards the viewer, its origin in the middle of all meshes, and lengths such that
 //! these reach from -1 to 1 along their longest side.
 
+use maquette_value::{Mesh, bounds};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{Aim, Projection, SAMPLES, View};
-use maquette_value::{Mesh, bounds};
 
 /// Parts of a sample that a vertex's place is rounded to.
 pub(super) const PARTS: i32 = 16;

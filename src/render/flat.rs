@@ -1,8 +1,9 @@
 //! Flat pictures: what a value shows as a picture, on the one that it was made from.
 
-use super::light::{linear, srgb};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Layer, PLAIN, Picture, Registration, Rgb};
+
+use super::light::{linear, srgb};
 
 /// How bright a picture is where nothing lies on it: darker, and it can no longer be made out; brighter, and what does lie on it is not
 /// seen at once.

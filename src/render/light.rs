@@ -2,8 +2,9 @@
 
 use std::sync::LazyLock;
 
-use super::{each, four, padded};
 use maquette_value::{Rgb, linear_from_srgb, srgb_from_linear};
+
+use super::{each, four, padded};
 
 /// Untextured surfaces: a warm light gray, sRGB (206, 199, 190).
 pub(super) const CLAY: Light = [0.617, 0.571, 0.515, 0.0];

@@ -4,13 +4,14 @@
 //! edge that two triangles share belongs to exactly one of them: Pineda, "A parallel algorithm for polygon rasterization"
 //! (1988), with the top-left rule.
 
+use maquette_value::Rgb;
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, widest};
+
 use super::camera::PARTS;
 use super::light::{self, Light};
 use super::scene::{Facet, Scene, Triangle};
 use super::{BAND, SAMPLES, each, four};
-use maquette_value::Rgb;
-use maquette_value::parallel::*;
-use maquette_value::simd::{Kernel, widest};
 
 /// Triangles that one task sorts into bands.
 const CHUNK: usize = 16_384;

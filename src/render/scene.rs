@@ -2,13 +2,13 @@
 
 use std::borrow::Cow;
 
+use maquette_value::parallel::*;
+use maquette_value::{Image, Mesh, Rgb};
 use nalgebra::Vector3;
 
 use super::camera::{Camera, Spot};
 use super::light::{self, Light};
 use super::{each, four, padded};
-use maquette_value::parallel::*;
-use maquette_value::{Image, Mesh, Rgb};
 
 /// Vertices that one task transforms.
 const CHUNK: usize = 4096;

@@ -7,12 +7,12 @@
 
 use std::sync::Arc;
 
+use maquette_value::parallel::*;
+use maquette_value::{Axes, Column, Image, Layer, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use super::scene::{Data, FLAT, Paint, fans_of};
 use super::solid::meshes_of;
-use maquette_value::parallel::*;
-use maquette_value::{Axes, Column, Image, Layer, Mesh};
 
 mod after;
 mod fields;
@@ -429,8 +429,9 @@ fn packed(normal: Vector3<f64>) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{Attribute, Faces, TYPES};
+
+    use super::*;
 
     fn mesh(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
         let points = Vec::from_iter(points.iter().map(|&point| Point3::from(point)));

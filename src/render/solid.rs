@@ -1,9 +1,9 @@
 //! Points, lines, arrows and plots as small solids, so that one renderer draws all layers.
 
+use maquette_value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 use nalgebra::{Point3, Vector3};
 
 use super::{Aim, View};
-use maquette_value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 
 /// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
 ///
@@ -270,8 +270,9 @@ impl Pieces {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use maquette_value::{Arrows, Lines, TYPES};
+
+    use super::*;
 
     /// How many pixels of a square picture show something.
     fn seen(layers: &[Layer], side: usize) -> usize {

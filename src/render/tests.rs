@@ -1,9 +1,9 @@
-use nalgebra::Point3;
-
-use super::*;
 use maquette_value::{
     Attribute, Axes, CaptureFrame, Faces, Lines, PLAIN, Picture, Registration, TYPES,
 };
+use nalgebra::Point3;
+
+use super::*;
 
 fn mesh(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
     let positions: Vec<Point3<f64>> = points.iter().map(|&point| point.into()).collect();

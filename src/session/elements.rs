@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use maquette_syntax::error::Problem;
+
 use super::{Session, Wanted};
-use crate::error::Problem;
 use crate::eval::Observer;
 use crate::golden;
 use crate::graph::{Count, Counts, Graph, Loop, OtherCount};

@@ -7,12 +7,15 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
+use maquette_syntax::error::{Problem, Severity, code};
+use maquette_value::Hash;
+use maquette_value::parallel::*;
+use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::provenance::Teller;
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, code};
 use crate::eval::{Evaluation, Evaluator, or_panic};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
@@ -20,9 +23,6 @@ use crate::pack::{Content, Kept, NewFile, Pieces};
 use crate::provenance::Signature;
 use crate::stamp::Stamp;
 use crate::writing::{Destination, Last, Refused, Rewritten, Sources, Spare, write_at};
-use maquette_value::Hash;
-use maquette_value::parallel::*;
-use maquette_value::plain;
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]

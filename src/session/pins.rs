@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::{Problem, code};
+
 use super::Finished;
-use crate::error::{Problem, code};
 use crate::graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
 use crate::writing::{
     Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,

@@ -2,13 +2,13 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use maquette_syntax::paths::{folder_of_new, project_root, within};
+use maquette_value::Hash;
 use serde_json::Value as Json;
 
 use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
-use crate::paths::{folder_of_new, project_root, within};
 use crate::provenance::{Provenance, Signature, short};
-use maquette_value::Hash;
 
 /// Tells of the outputs of a graph.
 pub(crate) struct Teller<'a> {

@@ -3,14 +3,15 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::first_word;
+use maquette_value::HandleSpace;
+
 use crate::batch;
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case::{self, TestFile};
 use crate::graph::{Graph, InputValues, Options};
-use crate::text::first_word;
-use maquette_value::HandleSpace;
 
 /// What the `.ron` files of a project are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
+use maquette_syntax::error::Severity;
+use maquette_value::base64::base64;
+
 use super::junit::escape;
 use super::picture::{self, Figure};
 use super::{Case, Compared, Report, State};
-use crate::error::Severity;
 use crate::eval::NodeTrace;
 use crate::golden::compare::{Measure, Verdict, six};
-use maquette_value::base64::base64;
 
 const STYLE: &str = include_str!("report.css");
 

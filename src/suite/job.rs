@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use maquette_syntax::error::{Problem, Severity, code};
+use maquette_value::AnyValue;
+
 use super::nodes::nodes_of;
 use super::orphans::goldens;
 use super::{Case, Compared, State, beside};
-use crate::error::{Problem, Severity, code};
 use crate::eval::RunTrace;
 use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
@@ -15,7 +17,6 @@ use crate::golden::store::{self, Golden, NoGolden, Written};
 use crate::graph::{Expected, Graph, GraphOutput, Options};
 use crate::session::{Finished, Run, Session, Wanted};
 use crate::writing::{self, Sources};
-use maquette_value::AnyValue;
 
 /// A tolerance this many times wider than what was ever needed is worth a word.
 const TOO_WIDE: f64 = 10.0;

@@ -1,9 +1,10 @@
 //! What of a test does not fit the graph that it is about: known without running anything.
 
-use crate::error::{Problem, Severity, Span, code};
+use maquette_syntax::error::{Problem, Severity, Span, code};
+use maquette_syntax::{Kind, Tree, nearest_or_all, parse, with_article};
+
 use crate::golden::case::TestFile;
 use crate::graph::{Checked, Expectation, Graph};
-use crate::text::{Kind, Tree, nearest_or_all, parse, with_article};
 
 impl TestFile {
     /// An error in the file.

@@ -5,11 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use maquette_value::Hash;
+use maquette_value::plain;
+
 use super::{FOLDER, NODES, SUFFIXES, beside, jobs_of};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::kept_in;
-use maquette_value::Hash;
-use maquette_value::plain;
 
 /// The goldens in a folder by name, each with its files.
 pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {

@@ -1,5 +1,6 @@
 //! Pictures for the report: what was, what is, and how far apart they are.
 
+use maquette_value::{AnyValue, Attribute, Image, Mesh, Rgb};
 use nalgebra::Point3;
 
 use super::Compared;
@@ -8,7 +9,6 @@ use crate::golden::compare::{distances, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::store::{Golden, every, picture_of};
 use crate::render::{View, render};
-use maquette_value::{AnyValue, Attribute, Image, Mesh, Rgb};
 
 /// A picture with its caption; two are shown in turn.
 pub(crate) struct Figure {

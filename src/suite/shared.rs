@@ -3,8 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
+use maquette_syntax::error::{Problem, code};
+
 use super::{Job, beside, jobs_of};
-use crate::error::{Problem, code};
 use crate::golden::case::{self, TestFile};
 
 /// An error for each case whose folder of goldens is that of a case of another test file, be that one named now or not, and the files

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
-use crate::parallel::*;
-
 use super::{Column, DecodeError, Decoder, Encoder, Items, Meaning, On, Part, PartsError, Rgb};
+use crate::parallel::*;
 
 /// Why an attribute does not fit.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -1,13 +1,12 @@
 //! Which pixels belong to something.
 
-use crate::parallel::*;
-
 use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
     Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, Mesh, Offence, On, Parts,
     PartsError, Picture, Property, Rgb, Summary, Value,
 };
+use crate::parallel::*;
 
 /// Which pixels of a picture belong to something; row 0 on top.
 ///

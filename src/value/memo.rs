@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, ValueType};
 
-/// What [`Context::memo`](maquette::Context::memo) asks by, and what it remembers: plans, trees, factors. It is no
+/// What `Context::memo` asks by, and what it remembers: plans, trees, factors. It is no
 /// value of a graph: it stays in memory, and cannot be shown.
 pub trait Memo: Clone + Send + Sync + 'static {
     /// A name that no other type of a program's memos has.

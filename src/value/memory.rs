@@ -41,7 +41,7 @@ pub fn sparse_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
 /// time of an interpolation of 20 000 vertices. Of large lists it begins, once some have been freed, to keep the memory, which it must
 /// fill with zeros first, in one thread and on small pages.
 ///
-/// It is the matter of the whole process: only a program of its own does it, as [`cli::main`](maquette::cli::main) does; a library in a host
+/// It is the matter of the whole process: only a program of its own does it, as `cli::main` does; a library in a host
 /// leaves the host's allocator alone.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn keep_freed() {

@@ -19,9 +19,8 @@ mod parts;
 mod properties;
 mod walls;
 
-use known::Known;
-
 pub use faces::{Edges, Faces};
+use known::Known;
 pub use moved::Moved;
 pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
 pub use walls::Behind;

@@ -6,7 +6,7 @@
 //! errors is told.
 //!
 //! ```
-//! use maquette::parallel::*;
+//! use maquette_value::parallel::*;
 //!
 //! let squares: Vec<u64> = (0..1000_u64).into_par_iter().map(|x| x * x).collect();
 //! assert_eq!(squares.par_iter().copied().sum::<u64>(), 332_833_500);

@@ -4,7 +4,7 @@
 //! round, arrays make values by [`Value::from_parts`](super::Value::from_parts). Nobody needs to know the value's type for it.
 //!
 //! ```
-//! use maquette::value::{Mask, Meaning, Value};
+//! use maquette_value::{Mask, Meaning, Value};
 //!
 //! let mask = Mask::drawn(&["#.", ".."]);
 //! let parts = mask.parts();

@@ -3,14 +3,13 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use crate::parallel::*;
-
 use super::hostile::clouds;
 use super::{
     AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder,
     Elements, Encoder, Layer, Meaning, NoElements, Offence, On, Parts, PartsError, Property,
     Summary, Value, value_type,
 };
+use crate::parallel::*;
 
 /// Why places do not make points.
 #[derive(Clone, Debug, PartialEq, Error)]

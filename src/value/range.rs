@@ -3,14 +3,13 @@
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use crate::parallel::*;
-
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
 use super::{
     CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError,
     Pinhole, Property, Registration, Rgb, Summary, Value,
 };
+use crate::parallel::*;
 
 mod moved;
 mod parts;

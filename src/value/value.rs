@@ -89,13 +89,13 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// The id of the build that its code is of, as [`nodes_of_this_build`](maquette::nodes_of_this_build) knows it; empty if it has none.
+    /// The id of the build that its code is of, as `maquette_node::nodes_of_this_build` knows it; empty if it has none.
     fn build() -> &'static str {
         ""
     }
 
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
-    /// [`conformance`](maquette::conformance) tries nodes on, and tell which tolerances a test may give.
+    /// `maquette::conformance` tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
         Vec::new()
     }

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
+use maquette_value::{Part, Parts, Range};
 use serde_json::{Value as Json, json};
 
 use crate::golden::six;
-use maquette_value::{Part, Parts, Range};
 
 /// Of elements with more numbers than that, one range of all numbers is printed.
 const WIDE: usize = 4;

@@ -2,9 +2,8 @@
 
 use std::borrow::Cow;
 
-use nalgebra::{Point3, center};
-
 use maquette_value::{AnyValue, Meaning, Mesh, On, Part};
+use nalgebra::{Point3, center};
 
 /// Elements of more numbers than this are no columns of a table.
 const WIDEST: usize = 16;

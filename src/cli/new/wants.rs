@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
+use maquette_syntax::paths::path_between;
+use maquette_syntax::{Field, Kind, Tree, parse, quoted};
+use maquette_value::plain::ending;
+use maquette_value::{Image, Value as _};
+
 use super::scans::{KINDS, Scan, in_words};
 use crate::catalog::Catalog;
 use crate::pack::Recipe;
-use crate::paths::path_between;
-use crate::text::{Field, Kind, Tree, parse, quoted};
-use maquette_value::plain::ending;
-use maquette_value::{Image, Value as _};
 
 /// The files that the nodes of a recipe read.
 #[derive(Clone)]

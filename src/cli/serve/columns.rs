@@ -4,17 +4,17 @@ use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 
+use maquette_value::plain;
+use maquette_value::{
+    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On,
+    Part, Parts, Points, RangeImage, Value, ValueType,
+};
 use serde_json::{Map, Value as Json, json};
 
 use super::request::{Form, Input, Numbers};
 use crate::catalog::Catalog;
 use crate::render::{Look, picture};
 use crate::writing::Shelf;
-use maquette_value::plain;
-use maquette_value::{
-    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On,
-    Part, Parts, Points, RangeImage, Value, ValueType,
-};
 
 /// The files that a host may read: each is named by what is in it, so that the same numbers keep their file.
 pub(super) struct Columns {

@@ -5,12 +5,12 @@ use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use maquette_syntax::error::Place;
+use maquette_syntax::{parse, read_tree};
+use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
-use crate::error::Place;
-use crate::text::{parse, read_tree};
 use crate::writing::{Destination, Refused, Sources, Turn, rewrite};
-use maquette_value::plain;
 
 pub(in crate::cli) const ENDING: &str = "layout.ron";
 

@@ -6,6 +6,9 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_syntax::error::in_words;
+use maquette_syntax::error::{Problem, Severity};
+use maquette_value::AnyValue;
 use serde_json::{Value as Json, json};
 
 use super::columns::Columns;
@@ -14,13 +17,10 @@ use super::{Answer, lock};
 use crate::catalog::Catalog;
 use crate::cli::events::{Events, Listener};
 use crate::cli::put_problems;
-use crate::error::in_words;
-use crate::error::{Problem, Severity};
 use crate::eval::NodeTrace;
 use crate::graph::{Graph, InputValues, Options};
 use crate::node::CancelToken;
 use crate::session::{self, Finished, Session, Wanted};
-use maquette_value::AnyValue;
 
 /// What the thread is to do.
 pub(super) enum Job {

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
+use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::telling::harmless;
+use maquette_syntax::telling::in_full;
+
 use super::worker::Report;
 use crate::cli::column_width;
 use crate::cli::terminal::wrapped;
 use crate::cli::{counted, in_bytes};
-use crate::error::{Problem, Severity};
 use crate::eval::State;
-use crate::telling::harmless;
-use crate::telling::in_full;
 
 /// A list of names in the status takes at most so many rows; the problems need the room.
 const MOST_ROWS: usize = 3;
@@ -259,13 +260,13 @@ mod tests {
     use std::sync::Arc;
 
     use expect_test::{Expect, expect};
+    use maquette_syntax::error::{Source, Span, code};
+    use maquette_value::Hash;
 
     use super::super::worker::Purpose;
     use super::*;
-    use crate::error::{Source, Span, code};
     use crate::eval::{NodeTrace, RunTrace};
     use crate::session::Written;
-    use maquette_value::Hash;
 
     fn node(name: &str, state: State, reason: &str) -> NodeTrace {
         NodeTrace {

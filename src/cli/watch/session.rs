@@ -10,6 +10,9 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
+use maquette_syntax::error::{Problem, Severity, code};
+use maquette_value::Hash;
+
 use super::drag::Drag;
 use super::on_done::{Ended, OnDone};
 use super::view::View;
@@ -18,13 +21,11 @@ use super::{Message, Watch, editor, reads_outside};
 use crate::catalog::Catalog;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
-use crate::error::{Problem, Severity, code};
 use crate::graph::{Checked, Graph, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
-use maquette_value::Hash;
 
 mod page;
 

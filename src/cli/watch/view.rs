@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
 use super::block::Block;
@@ -14,7 +15,6 @@ use crate::cli::events::{Ending, Events, Listener, does_not_stop};
 use crate::cli::run::counts;
 use crate::cli::terminal::{Input, Screen};
 use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
-use crate::error::{Problem, Severity};
 use crate::eval::{Observer, State};
 use crate::graph::Graph;
 use crate::page::Page;
@@ -475,8 +475,9 @@ impl Follow {
 
 #[cfg(test)]
 mod tests {
+    use maquette_syntax::error::{Source, Span, code};
+
     use super::*;
-    use crate::error::{Source, Span, code};
 
     #[test]
     fn a_warning_is_told_when_it_comes_and_not_again_while_it_stays() {

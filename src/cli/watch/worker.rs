@@ -7,17 +7,18 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
+use maquette_syntax::error::in_words;
+use maquette_syntax::error::{Problem, Severity, code};
+use maquette_value::AnyValue;
+
 use crate::cli::inputs::InputOptions;
 use crate::cli::look::Source;
-use crate::error::in_words;
-use crate::error::{Problem, Severity, code};
 use crate::eval::{Observer, RunTrace};
 use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::page::{Shown, Viewed, Views};
 use crate::render::picture_of;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
-use maquette_value::AnyValue;
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
 /// one run needs, so that a day of changes does not fill the memory.
@@ -375,7 +376,10 @@ mod tests {
         type Outputs = (maquette_value::Mask,);
         const OUTPUTS: [&'static str; 1] = ["mask"];
 
-        fn eval(&self, _: &crate::node::Context<'_>) -> Result<Self::Outputs, crate::error::Error> {
+        fn eval(
+            &self,
+            _: &crate::node::Context<'_>,
+        ) -> Result<Self::Outputs, maquette_syntax::error::Error> {
             assert!(!self.panics, "a fault");
             Ok((maquette_value::Mask::new(1, 1, vec![1])?,))
         }

@@ -4,13 +4,14 @@ use std::collections::{HashMap, HashSet};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use maquette_value::Hash;
+use maquette_value::parallel::*;
+use maquette_value::plain;
+
 use super::folder::{self, Found, What, contents};
 use super::seal::unsealed;
 use super::{Disk, DiskError, entry, program};
 use crate::writing::{is_abandoned, remove};
-use maquette_value::Hash;
-use maquette_value::parallel::*;
-use maquette_value::plain;
 
 /// What is wrong with a cache folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
+use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
 use serde::{Deserialize, Serialize};
 
 use super::super::cache::{Outcome, Values};
-use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
 
 /// What stands at the start of every entry: the format's name and version.
 const MAGIC: &[u8; 8] = b"maqent03";

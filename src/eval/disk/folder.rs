@@ -5,10 +5,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use super::{DiskError, FOLDERS, program};
-use crate::writing::{is_temporary, make_folder, write_whole};
 use maquette_value::Hash;
 use maquette_value::plain;
+
+use super::{DiskError, FOLDERS, program};
+use crate::writing::{is_temporary, make_folder, write_whole};
 
 /// The file that tells backup programs to leave a folder out (bford.info/cachedir), and us that it is ours.
 pub(super) const TAG: &str = "CACHEDIR.TAG";

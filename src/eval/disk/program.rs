@@ -9,13 +9,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use maquette_value::Hash;
+use maquette_value::plain;
+
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
 use crate::catalog::{Catalog, Code};
 use crate::stamp::Stamp;
 use crate::writing::write_parts;
-use maquette_value::Hash;
-use maquette_value::plain;
 
 /// Whether this process is a program of its own, and no host that has loaded a library.
 static IS_OWN: AtomicBool = AtomicBool::new(false);

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
@@ -12,7 +13,6 @@ use super::super::snapshot::{Done, Snapshot};
 use super::Store;
 use crate::files::KnownFile;
 use crate::graph::Recipe;
-use maquette_value::Hash;
 
 #[derive(Serialize, Deserialize)]
 struct Record {

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use maquette_value::Hash;
+use maquette_value::parallel::*;
+
 use super::super::cache::Outcome;
 use super::entry::Entry;
 use super::remote::{Address, Exchange, Remote, reach};
 use super::seal::unsealed;
 use super::{Disk, Store};
-use maquette_value::Hash;
-use maquette_value::parallel::*;
 
 /// The longest entry that is taken from a server: what is large in a result is in its columns.
 const MOST: u64 = 64 << 20;

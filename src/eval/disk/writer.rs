@@ -6,13 +6,14 @@ use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
+use maquette_value::{AnyValue, Hash};
+
 use super::super::cache::{Outcome, Values};
 use super::super::lock;
 use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
 use crate::files::KnownFile;
 use crate::writing::bring_to_disk;
-use maquette_value::{AnyValue, Hash};
 
 /// Something to write.
 pub(super) enum Job {

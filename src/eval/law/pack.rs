@@ -1,12 +1,12 @@
 //! Nodes on whole numbers: cheap ones, one that often comes out the same, some that read a file, fail or panic.
 
+use maquette_syntax::error::Error;
+use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::error::Error;
 use crate::node::{Context, FilePath, In, Node, Previous, node};
 use crate::pack::Pack;
-use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 
 /// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
 #[derive(Clone, Debug)]

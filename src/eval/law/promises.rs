@@ -2,13 +2,14 @@
 
 use std::collections::{HashMap, HashSet};
 
+use maquette_value::{AnyValue, Hash};
+
 use super::Last;
 use super::plain::Truth;
 use crate::eval::trace::Reason;
 use crate::eval::why::Outlook;
 use crate::eval::{Evaluation, Forecast, State};
 use crate::graph::{Graph, Link};
-use maquette_value::{AnyValue, Hash};
 
 /// Makes a promise.
 macro_rules! promise {

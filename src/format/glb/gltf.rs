@@ -1,14 +1,14 @@
 //! Reads glTF whose buffers and pictures are files of their own, or stand in the document as text: as the GLB file that says the same.
 
+use maquette_syntax::error;
+use maquette_value::Mesh;
+use maquette_value::base64::bytes_of;
 use percent_encoding::percent_decode_str;
 use serde_json::{Value as Json, json};
 use thiserror::Error;
 
 use super::{GlbReadError, container, read};
-use crate::error;
 use crate::reading::{FileReader, Reading};
-use maquette_value::Mesh;
-use maquette_value::base64::bytes_of;
 
 /// Why bytes are not a mesh in a glTF file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -143,11 +143,12 @@ fn content(uri: &str, file: &Reading<'_>) -> Result<Vec<u8>, String> {
 mod tests {
     use std::sync::Arc;
 
-    use super::*;
-    use crate::format::png;
     use maquette_value::base64::base64;
     use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
+
+    use super::*;
+    use crate::format::png;
 
     fn mesh() -> Mesh {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];

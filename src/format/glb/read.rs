@@ -1,11 +1,11 @@
 //! Reads GLB: triangles, points, and what vertices carry.
 
+use maquette_value::{Mesh, MeshError};
 use thiserror::Error;
 
 use super::accessor::{Buffer, Document};
 use super::scene::Scene;
 use crate::format::picture_file::PictureError;
-use maquette_value::{Mesh, MeshError};
 
 /// Why bytes are not a mesh in a GLB file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -117,13 +117,13 @@ fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use nalgebra::Point3;
     use serde_json::{Value, json};
 
     use super::super::{container as written, encode};
     use super::*;
     use crate::format::hostile;
-    use maquette_value::{Attribute, CaptureFrame, Faces, Image};
 
     /// A quad beside a triangle, with texture coordinates that differ at a vertex.
     fn mesh() -> Mesh {

@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use maquette_value::{Attribute, Column, Image, Mesh, MeshError, Rgb, srgb_from_linear};
 use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::accessor::{Buffer, Document, Node};
 use super::read::GlbReadError;
 use crate::format::corners::{FaceList, with_corners};
 use crate::format::picture_file;
-use maquette_value::{Attribute, Column, Image, Mesh, MeshError, Rgb, srgb_from_linear};
 
 /// glTF has meters.
 const MILLIMETERS: f64 = 1000.0;

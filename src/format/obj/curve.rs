@@ -1,9 +1,9 @@
 //! Reads curves: lines `l`, and B-splines `curv`.
 
+use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 
 use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, words};
-use maquette_value::{Curve, KnotVector};
 
 /// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
 /// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.
@@ -157,9 +157,10 @@ fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError>
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::CurveError;
+
     use super::*;
     use crate::format::hostile;
-    use maquette_value::CurveError;
 
     const ELLIPSE: &[u8] = include_bytes!("../../../tests/data/formats/ellipse12.obj");
 

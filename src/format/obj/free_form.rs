@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
+use maquette_syntax::error::Error;
+use maquette_value::{Curve, KnotVector, Surface};
 use nalgebra::Point3;
 
-use crate::error::Error;
 use crate::format::upright::upright_surface;
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Curve, KnotVector, Surface};
 
 /// Writes a polyline as a line, a B-spline as a free-form curve.
 pub(in crate::format) struct CurveObj;
@@ -101,10 +101,10 @@ impl FileReader for CurveObj {
 #[cfg(test)]
 mod tests {
     use expect_test::expect;
+    use maquette_value::ControlNet;
 
     use super::super::read_curve;
     use super::*;
-    use maquette_value::ControlNet;
 
     fn written<F: FileFormat>(value: &F::Value) -> String {
         String::from_utf8(F::write(value, "a.obj").unwrap().remove(0).bytes).unwrap()

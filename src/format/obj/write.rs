@@ -4,15 +4,16 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
-use crate::error::Error;
+use maquette_syntax::error::Error;
+use maquette_value::parallel::*;
+use maquette_value::{Column, Mesh, Rgb};
+
 use crate::format::corners::split;
 use crate::format::upright::upright;
 use crate::format::{check_mesh, coarse_mesh, png};
 use crate::pack::{Content, FileFormat, NewFile};
 use crate::provenance::{Signature, comment_of_obj};
 use crate::reading::{FileReader, Reading};
-use maquette_value::parallel::*;
-use maquette_value::{Column, Mesh, Rgb};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(in crate::format) struct MeshObj;
@@ -212,11 +213,11 @@ impl FileReader for MeshObj {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
 
     use super::*;
     use crate::format::obj::read;
-    use maquette_value::{Attribute, Faces, Image};
 
     fn mesh() -> Mesh {
         let at = |x: f64, y: f64| Point3::new(x, y, -0.125);

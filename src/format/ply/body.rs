@@ -2,11 +2,12 @@
 
 use std::borrow::Cow;
 
+use maquette_value::Faces;
+use maquette_value::parallel::*;
+
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
 use crate::format::{At, excerpt, parse};
-use maquette_value::Faces;
-use maquette_value::parallel::*;
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {

@@ -2,11 +2,12 @@
 
 use std::borrow::Cow;
 
+use maquette_value::Faces;
+
 use super::body::{Body, Rows};
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::{Column, PlyError, Table};
 use crate::format::corners::FaceList;
-use maquette_value::Faces;
 
 /// The corners of all faces, and their texture coordinates.
 #[derive(Default)]

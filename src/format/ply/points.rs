@@ -1,14 +1,15 @@
 //! Writes what has no faces: points, regions, range images, handles and curves.
 
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
+
 use super::no_faces;
 use super::write::encode;
-use crate::error::Error;
 use crate::format::rows::{floats, indices};
 use crate::format::upright::upright_points;
 use crate::format::{check_single, coarse, finite};
 use crate::pack::{FileFormat, NewFile};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
 /// Writes the points of a region.
 pub(in crate::format) struct RegionPly;
@@ -128,11 +129,11 @@ impl FileReader for PointsPly {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{Handle, HandleSpace};
     use nalgebra::Point3;
 
     use super::*;
     use crate::format::ply::{read, read_points};
-    use maquette_value::{Handle, HandleSpace};
 
     #[test]
     fn a_range_image_becomes_its_valid_points() {

@@ -1,13 +1,13 @@
 //! Range grids in PLY files, as the Stanford 3D Scanning Repository has them: vertices, and a `range_grid` whose cells name
 //! one vertex or none.
 
+use maquette_value::RangeImage;
 use nalgebra::Point3;
 
 use super::body::Body;
 use super::header::{self, Element, Header};
 use super::{PlyError, Property, RGB, Table, skip};
 use crate::format::range_file::{Axes, RangeFile, Rows};
-use maquette_value::RangeImage;
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
 ///

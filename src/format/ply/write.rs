@@ -4,17 +4,17 @@ use std::ops::Range;
 
 use blake3::Hasher;
 use bytemuck::NoUninit;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 use nalgebra::Point3;
 
 use super::header::{CORNER_UV, Kind, TEXCOORD};
-use crate::error::Error;
 use crate::format::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::format::upright::{upright_points, upright_sign};
 use crate::format::{TooFar, check_mesh, coarse_mesh, finite};
 use crate::pack::{Content, FileFormat, NewFile};
 use crate::provenance::{Signature, comment_of_ply};
 use crate::reading::{FileReader, Reading};
-use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;
@@ -394,11 +394,11 @@ impl FileReader for MeshPly {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::Image;
     use nalgebra::Point3;
 
     use super::*;
     use crate::format::ply::read;
-    use maquette_value::Image;
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

@@ -1,8 +1,9 @@
 //! Two columns, element by element.
 
+use maquette_value::parallel::*;
+
 use super::{Measure, Tolerance, in_unit, six, unit};
 use crate::golden::parts::{Class, GoldenColumn};
-use maquette_value::parallel::*;
 
 /// The default tolerance, as a share of the diagonal of all places or numbers: a billionth. The same program
 /// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that

@@ -1,10 +1,11 @@
 //! A mark of meshes and points that does not change when their elements change places.
 
-use crate::golden::parts::{GoldenColumn, GoldenParts};
 use maquette_value::parallel::*;
 use maquette_value::random;
 use maquette_value::random::STEP;
 use maquette_value::{AnyValue, Attributes, Mesh, Points};
+
+use crate::golden::parts::{GoldenColumn, GoldenParts};
 
 /// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
 pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {

@@ -1,9 +1,9 @@
 //! Pairs of values whose difference is known.
 
+use maquette_value::{Attribute, Faces, Image, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use maquette_value::{Attribute, Faces, Image, Trace, TraceStep};
 
 /// A wavy sheet of quads split in two, `n` x `n` vertices.
 fn sheet(n: u32) -> Mesh {

@@ -3,6 +3,8 @@
 //! Every entry is compared. Numbers were kept rounded, so each difference is known up to an error that is far below the tolerance: rounding
 //! makes no value pass that would fail otherwise, and a difference within the error does not count.
 
+use maquette_value::{AnyValue, Image, Mesh};
+
 use super::pack::{Column, Kept, mark};
 use super::summary::{Line, SKETCH, summary};
 use super::{BECAUSE, FORM, Golden, KEPT_FOR, KEPT_IN, Written, every, picture_of};
@@ -12,7 +14,6 @@ use crate::golden::compare::{
 };
 use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::golden::sketch::Sketch;
-use maquette_value::{AnyValue, Image, Mesh};
 
 /// What is said of a golden that an earlier program wrote.
 const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
@@ -362,15 +363,15 @@ fn as_kept(picture: &Image, like: &GoldenParts) -> GoldenParts {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::{
+        CaptureFrame, Column, ControlNet, Encoder, Faces, KnotVector, Mask, Meaning, On, Parts,
+        Summary, Surface, Value,
+    };
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
     use crate::golden::compare::Keep;
     use crate::golden::store::{files, read};
-    use maquette_value::{
-        CaptureFrame, Column, ControlNet, Encoder, Faces, KnotVector, Mask, Meaning, On, Parts,
-        Summary, Surface, Value,
-    };
 
     /// What is kept of a value.
     fn kept(value: &AnyValue) -> Golden {

@@ -1,14 +1,14 @@
 //! One entry is moved by a little less and by a little more than each bound: nothing passes wrongly, and nothing fails wrongly.
 
-use nalgebra::{Point3, Vector3};
-
-use super::{Golden, files, read};
-use crate::golden::compare::{Tolerance, Verdict};
 use maquette_value::random::{STEP, even, mix};
 use maquette_value::{
     AnyValue, Attribute, ControlNet, Curve, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
     Points, RangeImage, Surface,
 };
+use nalgebra::{Point3, Vector3};
+
+use super::{Golden, files, read};
+use crate::golden::compare::{Tolerance, Verdict};
 
 /// Pseudo-random, from 0 to 1.
 fn chance(seed: usize) -> f64 {

@@ -4,6 +4,8 @@
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
+use maquette_value::Hash;
+use maquette_value::parallel::*;
 use serde_json::{Value as Json, json};
 
 use self::coder::{Coder, EVEN, Reader, Writer};
@@ -11,8 +13,6 @@ use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
 use crate::golden::compare::Tolerance;
 use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
-use maquette_value::Hash;
-use maquette_value::parallel::*;
 
 mod coder;
 mod faces;

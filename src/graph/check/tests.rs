@@ -1,7 +1,8 @@
 //! Files with very many mistakes: the work grows as the file does.
 
+use maquette_syntax::LOOKS;
+
 use super::*;
-use crate::text::LOOKS;
 
 /// The problems of a text without built-in nodes, and how many names were compared to find them.
 fn problems(text: String) -> (usize, usize) {

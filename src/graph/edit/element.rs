@@ -1,9 +1,10 @@
 //! Names of elements and of what lies in used graphs, `copies/1` and `nose/mask`: which of them have a place in the file.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Kind, Tree};
+
 use super::place::{Refusal, field};
-use crate::error::{Span, code};
 use crate::graph::quality::{is_draft, side};
-use crate::text::{Kind, Tree};
 
 /// The target by the names that the file has: `copies.over.0.scale` for `copies/1.scale`, the item of the list from which a
 /// `ForEach` makes its first element. What names no element stays as it is.

@@ -1,16 +1,17 @@
 //! Values that are set in a patch but are a part of what the other graph has: an item of a list, or the draft of a value. A patch names
 //! no such part, so it gets all of the value that has it.
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Kind, Tree, parse};
+
 use super::Judge;
 use super::element::written;
 use super::place::{Found, Refusal, field, find, place};
 use super::splice::{Splice, apply};
-use crate::error::Span;
 use crate::graph::check::first;
 use crate::graph::patch::is_patch;
 use crate::graph::quality::{is_draft, is_side};
 use crate::graph::{Files, Options};
-use crate::text::{Kind, Tree, parse};
 
 impl Judge<'_> {
     /// The edits that put a value to its place in a text, and what stands there now.

@@ -1,10 +1,11 @@
 //! The place of a value in a text, by the names that lead there.
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Field, Kind, Tree, nearest_or_all, parse, unit_names};
+
 use super::splice::{Splice, added, put_entry};
-use crate::error::{Span, code};
 use crate::graph::patch::is_patch;
 use crate::graph::quality::{self, is_draft, is_side};
-use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse, unit_names};
 
 /// Why a value cannot be put where it should be.
 pub(in crate::graph) struct Refusal {

@@ -2,17 +2,18 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::{Body, Kind, Tree};
+
 use super::Judge;
 use super::place::field;
 use crate::catalog::{PortDescription, ports};
-use crate::error::{Problem, Span};
 use crate::graph::check::{Whole, first};
 use crate::graph::definition::Definition;
 use crate::graph::draft::What;
 use crate::graph::expectation::Expectation;
 use crate::graph::meaning::{entries, named_node};
 use crate::graph::{Files, Options};
-use crate::text::{Body, Kind, Tree};
 
 /// A text in a graph that names something of it.
 #[derive(Clone, Debug)]

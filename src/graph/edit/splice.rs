@@ -2,9 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::error::Span;
-pub(in crate::graph) use crate::text::quoted;
-use crate::text::{Body, Field, Kind, Token, Tree, tokens};
+use maquette_syntax::error::Span;
+use maquette_syntax::{Body, Field, Kind, Token, Tree, tokens};
 
 /// A text in place of a part of another.
 pub(in crate::graph) type Splice = (Span, String);

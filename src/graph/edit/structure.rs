@@ -3,17 +3,19 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use maquette_syntax::error::{Problem, Span, code};
+use maquette_syntax::quoted;
+use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, with_article};
+
 use super::place::field;
 use super::references::{Names, Reference, References};
-use super::splice::{Splice, added, apply, newline, parts, put_entry, quoted, reindented, without};
+use super::splice::{Splice, added, apply, newline, parts, put_entry, reindented, without};
 use super::{Edit, Judge, Refusal};
-use crate::error::{Problem, Span, code};
 use crate::graph::expression::named_parameters;
 use crate::graph::format::entry_form;
 use crate::graph::is_name;
 use crate::graph::meaning::{entries, named_node};
 use crate::graph::top::field_of;
-use crate::text::{Body, Kind, Tree, nearest_or_all, parse, with_article};
 
 mod links;
 

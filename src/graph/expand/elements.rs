@@ -2,8 +2,9 @@
 
 use std::collections::HashSet;
 
+use maquette_syntax::error::{Problem, code};
+
 use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
-use crate::error::{Problem, code};
 use crate::graph::definition::Definition;
 use crate::graph::draft::Draft;
 use crate::graph::each::{element_name, numbered};

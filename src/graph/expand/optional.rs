@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::{Body, Field, Kind, Tree};
+
 use super::{Scope, Target};
-use crate::error::Span;
 use crate::graph::definition::Definition;
 use crate::graph::draft::Draft;
-use crate::text::{Body, Field, Kind, Tree};
 
 /// The places of links that are left out, and whether each is at a port that takes many.
 pub(super) type Absent = HashMap<Span, bool>;

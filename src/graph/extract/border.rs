@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use maquette_syntax::error::{Span, code};
+
 use super::{Known, Linked, Refusal, free_name, refusal};
-use crate::error::{Span, code};
 use crate::graph::meaning::named_node;
 
 /// The values that cross the border of a set of nodes, each once.

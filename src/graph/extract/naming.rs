@@ -3,11 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use super::{Extraction, Judge, Known, Refusal, folder_of_new, free_name, path_between, refusal};
-use crate::error::{Span, code};
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::paths::{folder_of_new, path_between};
+use maquette_syntax::with_article;
+
+use super::{Extraction, Judge, Known, Refusal, free_name, refusal};
 use crate::graph::check::folder_of;
 use crate::graph::edit::may_name;
-use crate::text::with_article;
 
 /// What the new graph is called.
 pub(super) struct New {

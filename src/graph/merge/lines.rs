@@ -1,7 +1,8 @@
 //! Three texts merged line by line: what is no graph is merged as git would.
 
+use maquette_syntax::error::Problem;
+
 use super::Merge;
-use crate::error::Problem;
 
 /// What both made of a text, with conflicts marked as git marks them.
 pub(super) fn by_lines(texts: [&str; 3], problems: Vec<Problem>) -> Merge {

@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette_syntax::{Token, tokens};
+
 use super::align::matched;
-use crate::text::{Token, tokens};
 
 /// A comment, and the space before it.
 #[derive(Clone, Copy)]

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use maquette_syntax::{Body, Kind, Token, Tree, tokens};
+
 use super::notes::is_open;
 use super::units::Plain;
 use crate::graph::edit::{opened, parts as places};
 use crate::graph::meaning::{plain, show};
-use crate::text::{Body, Kind, Token, Tree, tokens};
 
 /// A value, and the text in which it stands.
 #[derive(Clone, Copy)]

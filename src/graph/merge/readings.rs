@@ -5,10 +5,11 @@ use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::{Body, Kind, Token, Tree, tokens};
+
 use crate::graph::expression::named_parameters;
 use crate::graph::meaning::entries;
-use crate::text::{Body, Kind, Token, Tree, tokens};
 
 /// An expression, and what it names.
 struct Reading {

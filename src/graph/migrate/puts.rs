@@ -3,12 +3,14 @@
 //!
 //! There is one way: the value is read as if it stood alone in the node ([`renewed_put`]); who keeps it in a text writes what comes of it.
 
-use super::{Splice, apply, quoted, renewed, without, written};
+use maquette_syntax::error::Span;
+use maquette_syntax::quoted;
+use maquette_syntax::{Body, Field, Finding, Kind, Name, Tree, parse};
+
+use super::{Splice, apply, renewed, without, written};
 use crate::catalog::Catalog;
-use crate::error::Span;
 use crate::graph::meaning::entries;
 use crate::graph::quality::is_side;
-use crate::text::{Body, Field, Finding, Kind, Name, Tree, parse};
 
 /// By this place the value is found again among the fields around it.
 const MARK: Span = Span { start: usize::MAX, end: usize::MAX };

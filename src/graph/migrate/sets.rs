@@ -2,14 +2,16 @@
 
 use std::path::PathBuf;
 
+use maquette_syntax::quoted;
+use maquette_syntax::{Kind, Tree, parse};
+use maquette_value::plain::read_text;
+
 use super::puts::renewed_target;
-use super::{Splice, apply, quoted, written};
+use super::{Splice, apply, written};
 use crate::catalog::Catalog;
 use crate::graph::meaning::entries;
 use crate::graph::patch::patched_tree;
 use crate::graph::{Files, Graph, Options};
-use crate::text::{Kind, Tree, parse};
-use maquette_value::plain::read_text;
 
 impl Graph {
     /// The text of a test of some graphs with the new names of all fields that it sets.

@@ -3,13 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use crate::error::{Problem, Span};
+use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::{Kind, Token, Tree, parse, tokens};
+
 use crate::graph::Graph;
 use crate::graph::edit::{
     Splice, Tail, apply, indent_of, newline, opened, parts, reindented, without,
     without_blank_lines,
 };
-use crate::text::{Kind, Token, Tree, parse, tokens};
 
 /// Columns before an entry of a graph's section in the canonical form.
 const COLUMNS: usize = 8;

@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::{Kind, Tree};
+
 use crate::catalog::Catalog;
-use crate::error::{Problem, Span};
 use crate::graph::Options;
 use crate::graph::check::{Check, Whole, first};
 use crate::graph::definition::{Definition, World};
@@ -14,7 +16,6 @@ use crate::graph::edit::{Names, References, field};
 use crate::graph::expression::named_parameters;
 use crate::graph::link;
 use crate::graph::meaning::named_node;
-use crate::text::{Kind, Tree};
 
 /// The text of a graph, understood.
 pub(in crate::graph) struct Known {

@@ -4,16 +4,18 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_syntax::error::Span;
+use maquette_syntax::paths::{path_between, without_dots};
+use maquette_syntax::quoted;
+use maquette_syntax::{Origin, Tree, Walk, parse};
+
 use super::Known;
-use crate::error::Span;
 use crate::graph::definition::Definition;
 use crate::graph::draft::{Draft, What};
-use crate::graph::edit::{Splice, apply, field, quoted};
+use crate::graph::edit::{Splice, apply, field};
 use crate::graph::meaning::entries;
 use crate::graph::quality::side;
 use crate::graph::top::name_of;
-use crate::paths::{path_between, without_dots};
-use crate::text::{Origin, Tree, Walk, parse};
 
 /// A path that is relative to one folder, relative to another one.
 fn rebased(given: &str, from: &Path, to: &Path) -> String {

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use crate::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::paths::without_dots;
+use maquette_value::Hash;
+
 use crate::graph::edit::Judge;
 use crate::graph::expectation::Expectation;
 use crate::graph::{Checked, Graph, GraphNode};
-use crate::paths::without_dots;
-use maquette_value::Hash;
 
 /// What a graph computes: equal for two graphs whose nodes have equal keys, whatever they are called and in which order they come.
 #[derive(Clone, Debug, PartialEq)]

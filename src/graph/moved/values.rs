@@ -2,16 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::quoted;
+use maquette_syntax::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse};
+
 use super::{Known, refusal};
-use crate::error::{Span, code};
-use crate::graph::edit::{Refusal, Splice, apply, quoted};
+use crate::graph::edit::{Refusal, Splice, apply};
 use crate::graph::expression::named_parameters;
 use crate::graph::fitting::in_own_unit;
 use crate::graph::meaning::show;
 use crate::graph::migrate::kind_of;
 use crate::graph::parameters::is_computed;
 use crate::graph::quality::{is_draft, side};
-use crate::text::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse};
 
 /// What a parameter stands for in the other graph.
 pub(in crate::graph) enum Given {

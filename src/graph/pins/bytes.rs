@@ -3,9 +3,8 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
-use serde::{Deserialize, Serialize};
-
 use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
+use serde::{Deserialize, Serialize};
 
 const MAGIC: &[u8] = b"maqpin01";
 

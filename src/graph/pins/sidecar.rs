@@ -5,11 +5,12 @@ use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{Ancestry, ENDING, Pin, Pins};
-use crate::error::{Problem, Source, Span, code};
-use crate::text::{Body, Kind, Tree, parse, syntax_problems};
+use maquette_syntax::error::{Problem, Source, Span, code};
+use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
 use maquette_value::Hash;
 use maquette_value::plain;
+
+use super::{Ancestry, ENDING, Pin, Pins};
 
 impl Pins {
     /// The pins of a graph; none if there is no file of them.

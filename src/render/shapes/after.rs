@@ -5,10 +5,10 @@ use std::ops::Range;
 use std::slice;
 
 use bytemuck::Pod;
-
-use super::{Fans, Leaning, Normals, Own, Paint, Ruler, Seen, Shape};
 use maquette_value::parallel::*;
 use maquette_value::{Column, Mesh, hash_of};
+
+use super::{Fans, Leaning, Normals, Own, Paint, Ruler, Seen, Shape};
 
 impl Shape {
     /// What [`new`](Self::new) makes of this mesh, if it is the one here with some vertices elsewhere and there are as many vertices to be
@@ -110,11 +110,11 @@ fn remade<T: Pod + PartialEq + Send + Sync>(
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::random::Random;
+    use maquette_value::{Attribute, Faces, Image};
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use maquette_value::random::Random;
-    use maquette_value::{Attribute, Faces, Image};
 
     /// A sheet of triangles or quads with spikes, at which faces lean.
     fn sheet(width: u32, sides: usize) -> Mesh {

@@ -1,9 +1,9 @@
 //! Numbers that a mesh has, to be shown as colors.
 
+use maquette_value::{Attribute, Mesh, On};
 use nalgebra::Vector3;
 
 use super::Shape;
-use maquette_value::{Attribute, Mesh, On};
 
 /// Numbers that a mesh has, to be shown as colors.
 #[derive(Clone)]

@@ -7,11 +7,10 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use nalgebra::{Point3, Vector3};
 
+use super::{BLOCK, Mesh, bounds};
 use crate::column::WeakColumn;
 use crate::parallel::*;
 use crate::{Column, Encoder, Hash, Rgb};
-
-use super::{BLOCK, Mesh, bounds};
 
 mod after;
 mod spread;

@@ -4,10 +4,9 @@ use std::borrow::Cow;
 
 use nalgebra::Vector3;
 
+use super::{BLOCK, Mesh};
 use crate::memory::huge_vec;
 use crate::parallel::*;
-
-use super::{BLOCK, Mesh};
 
 /// Above this many threads another look at all faces costs more than it saves.
 const MOST_SCANS: usize = 16;

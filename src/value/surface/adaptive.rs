@@ -7,11 +7,10 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::parallel::*;
-
 use super::super::{Attribute, Faces, Mesh, MeshError};
 use super::Surface;
 use super::tessellate::{distance, divided, to_unit};
+use crate::parallel::*;
 
 /// A span is divided at most so often: into 1024 x 1024 cells. A tolerance near rounding would go on forever.
 const DEEPEST: u32 = 10;

@@ -4,15 +4,16 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
+use maquette_syntax::error::Severity;
+use maquette_value::Hash;
+use maquette_value::plain;
+
 use super::{Running, Session};
 use crate::cli::edit::GraphFile;
 use crate::cli::watch::Watch;
 use crate::cli::watch::drag::Values;
 use crate::cli::watch::worker::Purpose;
-use crate::error::Severity;
 use crate::graph::{Checked, Edit, Edited, Graph, Put};
-use maquette_value::Hash;
-use maquette_value::plain;
 
 impl<'a> Session<'a> {
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.

@@ -2,11 +2,11 @@
 
 use std::fmt;
 
+use maquette_value::base64::base64;
 use percent_encoding::percent_decode_str;
 use ureq::http::Uri;
 
 use super::bucket::Bucket;
-use maquette_value::base64::base64;
 
 /// The address of a server of results. Who one is there is never printed.
 #[derive(Clone, PartialEq, Eq)]

@@ -4,10 +4,9 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use crate::Column;
-
 use super::single;
 use super::spread::BIN;
+use crate::Column;
 use crate::mesh::Mesh;
 use crate::mesh::normals::unit;
 

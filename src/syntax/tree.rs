@@ -8,16 +8,16 @@ use crate::error::Span;
 
 /// One value of the file, and where it stands.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Tree {
-    pub(crate) span: Span,
-    pub(crate) kind: Kind,
+pub struct Tree {
+    pub span: Span,
+    pub kind: Kind,
     /// Where a value that stands in for a `Param` comes from.
-    pub(crate) origin: Option<Origin>,
+    pub origin: Option<Origin>,
 }
 
 /// Where a parameter's value comes from.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Origin {
+pub enum Origin {
     /// The default in the file.
     Default(Span),
     /// `--set` with this text.
@@ -28,17 +28,17 @@ pub(crate) enum Origin {
 
 /// A value that comes from another file: through a use of a graph, or by a patch.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Given {
-    pub(crate) sheet: Arc<Sheet>,
+pub struct Given {
+    pub sheet: Arc<Sheet>,
     /// Where it stands there.
-    pub(crate) span: Span,
+    pub span: Span,
     /// With which `--set` it was given there, if it was.
-    pub(crate) set: Option<String>,
+    pub set: Option<String>,
 }
 
 impl Given {
     /// In words: `graphs/face.ron:9:30`.
-    pub(crate) fn place(&self) -> String {
+    pub fn place(&self) -> String {
         match &self.set {
             Some(set) => format!("`--set {set}`"),
             None => self.sheet.place_in_words(self.span),
@@ -48,7 +48,7 @@ impl Given {
 
 /// What kind of value it is.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Kind {
+pub enum Kind {
     /// A finite number, and whether it was written as a whole one.
     Number { value: f64, whole: bool },
     /// `true` or `false`.
@@ -69,7 +69,7 @@ pub(crate) enum Kind {
 
 /// What stands between parentheses.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Body {
+pub enum Body {
     Empty,
     Fields(Vec<Field>),
     Items(Vec<Tree>),
@@ -77,29 +77,29 @@ pub(crate) enum Body {
 
 /// A word with its place.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Name {
-    pub(crate) text: String,
-    pub(crate) span: Span,
+pub struct Name {
+    pub text: String,
+    pub span: Span,
 }
 
 /// `name: value`.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Field {
-    pub(crate) name: Name,
-    pub(crate) value: Tree,
+pub struct Field {
+    pub name: Name,
+    pub value: Tree,
 }
 
 impl Tree {
-    pub(crate) fn new(span: Span, kind: Kind) -> Self {
+    pub fn new(span: Span, kind: Kind) -> Self {
         Self { span, kind, origin: None }
     }
 
-    pub(crate) fn is_broken(&self) -> bool {
+    pub fn is_broken(&self) -> bool {
         self.kind == Kind::Broken
     }
 
     /// Whether nothing in it is broken.
-    pub(crate) fn is_whole(&self) -> bool {
+    pub fn is_whole(&self) -> bool {
         match &self.kind {
             Kind::Broken => false,
             Kind::Call { body: Body::Fields(fields), .. } => {
@@ -113,7 +113,7 @@ impl Tree {
         }
     }
 
-    pub(crate) fn text(&self) -> Option<&str> {
+    pub fn text(&self) -> Option<&str> {
         match &self.kind {
             Kind::Text(text) => Some(text),
             _ => None,
@@ -121,7 +121,7 @@ impl Tree {
     }
 
     /// The name before the parentheses, or the bare word.
-    pub(crate) fn name(&self) -> Option<Name> {
+    pub fn name(&self) -> Option<Name> {
         match &self.kind {
             Kind::Call { name, .. } => name.clone(),
             Kind::Word(text) => Some(Name { text: text.clone(), span: self.span }),
@@ -130,7 +130,7 @@ impl Tree {
     }
 
     /// The fields between the parentheses; none if there are no parentheses, or items in them.
-    pub(crate) fn fields(&self) -> Option<&[Field]> {
+    pub fn fields(&self) -> Option<&[Field]> {
         match &self.kind {
             Kind::Call { body: Body::Fields(fields), .. } => Some(fields),
             Kind::Call { body: Body::Empty, .. } => Some(&[]),
@@ -139,7 +139,7 @@ impl Tree {
     }
 
     /// The only item between the parentheses of `name(..)`.
-    pub(crate) fn call_of(&self, wanted: &str) -> Option<&Self> {
+    pub fn call_of(&self, wanted: &str) -> Option<&Self> {
         match &self.kind {
             Kind::Call { name: Some(name), body: Body::Items(items) } if name.text == wanted => {
                 match &items[..] {
@@ -153,7 +153,7 @@ impl Tree {
 
     /// What stands at the end of this way through fields, items and entries, or as far along it as the file goes. The name of a
     /// choice, `Near` of `Near(..)`, is a step of the way.
-    pub(crate) fn at(&self, path: &[String]) -> &Self {
+    pub fn at(&self, path: &[String]) -> &Self {
         let Some((step, rest)) = path.split_first() else { return self };
         let item =
             |items: &'_ [Self]| step.parse().ok().filter(|&index: &usize| index < items.len());
@@ -190,7 +190,7 @@ impl Tree {
     }
 
     /// What kind of value it is, in words, with its text where that is short.
-    pub(crate) fn in_words(&self) -> String {
+    pub fn in_words(&self) -> String {
         match &self.kind {
             Kind::Number { value, .. } => format!("the number {value}"),
             Kind::Bool(value) => value.to_string(),
@@ -207,7 +207,7 @@ impl Tree {
 }
 
 /// The beginning of a text that is too long for a message.
-pub(crate) fn cut(text: &str) -> Cow<'_, str> {
+pub fn cut(text: &str) -> Cow<'_, str> {
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {
         Some((end, _)) => format!("{}..", &text[..end]).into(),

@@ -23,7 +23,7 @@ impl Error {
     }
 
     /// The same error, whose message begins with the name of the file that it is about.
-    pub(crate) fn in_file(self, name: &str) -> Self {
+    pub fn in_file(self, name: &str) -> Self {
         Self { file: Some(name.into()), ..self }
     }
 }
@@ -115,14 +115,14 @@ impl Place {
 
 /// Finds places in a text without counting its lines anew for each.
 #[derive(Default)]
-pub(crate) struct Lines {
+pub struct Lines {
     source: Option<Arc<Source>>,
     /// Where each line begins.
     starts: Vec<usize>,
 }
 
 impl Lines {
-    pub(crate) fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
+    pub fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
         if self.source.as_ref().is_none_or(|known| !Arc::ptr_eq(known, source)) {
             let ends = source.text.match_indices('\n').map(|(end, _)| end + 1);
             self.starts = std::iter::once(0).chain(ends).collect();
@@ -137,13 +137,13 @@ impl Lines {
 }
 
 /// What a panic said.
-pub(crate) fn in_words(panic: &(dyn std::any::Any + Send)) -> String {
+pub fn in_words(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".into())
 }
 
 /// The most problems that are reported at a time: nobody reads more. Explanations of further ones are not computed.
-pub(crate) const MOST_TOLD: usize = 100;
+pub const MOST_TOLD: usize = 100;
 
 /// A graph file's name and text, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -264,7 +264,7 @@ pub mod code {
 
 impl Problem {
     /// What is wrong at a place, and no more.
-    pub(crate) fn new(
+    pub fn new(
         severity: Severity,
         code: &'static str,
         (source, span): (Arc<Source>, Span),

@@ -1,23 +1,29 @@
 //! Guesses what was meant by a name that is not known.
 
+use std::cell::Cell;
+
 use super::Help;
 
 /// A list of names in a message goes no further.
 const MOST_LISTED: usize = 30;
+
+thread_local! {
+    /// How many known names have been compared with one that is not: what tests ask for, since seconds say little.
+    pub static LOOKS: Cell<usize> = const { Cell::new(0) };
+}
 
 /// "did you mean `x`?" with the nearest of the known names; empty if none is near.
 ///
 /// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
 /// that goes on where the given one, of four letters at least, ends. It is an answer, not only a guess, if no other name is as near, and if
 /// more than a single letter has been meant.
-pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
+pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
     let name = given.to_lowercase();
     let length = name.chars().count();
     let limit = (length / 3).max(1);
     let (mut near, mut longer, mut is_only) = (None, None, false);
     for known in known {
-        #[cfg(test)]
-        tests::LOOKS.set(tests::LOOKS.get() + 1);
+        LOOKS.set(LOOKS.get() + 1);
         let lower = known.to_lowercase();
         let known_length = lower.chars().count();
         if length.abs_diff(known_length) <= limit {
@@ -50,7 +56,7 @@ pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>)
 }
 
 /// The same; if nothing is near, a list of what there is.
-pub(crate) fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
+pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
         _ if known.is_empty() => Help::default(),
@@ -63,7 +69,7 @@ pub(crate) fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
 }
 
 /// A message of one line about a name that is not known: what is wrong, and what may have been meant.
-pub(crate) fn unknown(message: String, name: &str, what: &str, known: &[&str]) -> String {
+pub fn unknown(message: String, name: &str, what: &str, known: &[&str]) -> String {
     match nearest_or_all(name, what, known) {
         help if help.is_empty() => message,
         help => format!("{message}; {help}"),
@@ -71,15 +77,8 @@ pub(crate) fn unknown(message: String, name: &str, what: &str, known: &[&str]) -
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use std::cell::Cell;
-
+mod tests {
     use super::*;
-
-    thread_local! {
-        /// How many known names have been compared with one that is not.
-        pub(crate) static LOOKS: Cell<usize> = const { Cell::new(0) };
-    }
 
     #[test]
     fn a_slip_is_recognized_and_a_stranger_is_not() {

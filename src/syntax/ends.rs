@@ -2,7 +2,7 @@
 
 /// How all lines of a text end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Ends {
+pub enum Ends {
     /// `\n`.
     Unix,
     /// `\r\n`.
@@ -11,7 +11,7 @@ pub(crate) enum Ends {
 
 impl Ends {
     /// None if they do not all end alike.
-    pub(crate) fn of(text: &str) -> Option<Self> {
+    pub fn of(text: &str) -> Option<Self> {
         let (all, windows) = (text.matches('\n').count(), text.matches("\r\n").count());
         match windows {
             0 => Some(Self::Unix),
@@ -21,7 +21,7 @@ impl Ends {
     }
 
     /// A text, whose lines all end with `\n`, with these ends.
-    pub(crate) fn put(self, text: String) -> String {
+    pub fn put(self, text: String) -> String {
         match self {
             Self::Unix => text,
             Self::Windows => text.replace('\n', "\r\n"),

@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json};
 use super::steps::{inside_option, resolve, variants};
 
 /// A value of JSON, which fits this schema, as RON. Fields that have their defaults are left out.
-pub(crate) fn ron(value: &Json, schema: &Json, root: &Json) -> String {
+pub fn ron(value: &Json, schema: &Json, root: &Json) -> String {
     let schema = resolve(root, schema);
     if value.is_null() {
         return "None".into();
@@ -68,7 +68,7 @@ fn map(entries: &Map<String, Json>, schema: &Json, root: &Json) -> String {
 }
 
 /// A text in quotes, with its escapes.
-pub(crate) fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {
         match c {

@@ -7,7 +7,7 @@ use super::file::Mistake;
 use crate::error::{Problem, Severity, Source, code};
 
 /// Mistakes in a text as problems.
-pub(crate) fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<Problem> {
+pub fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<Problem> {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
     let problem = |Mistake { span, message, help }: Mistake| Problem {
         fix: help.edits(text, span),

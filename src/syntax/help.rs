@@ -6,7 +6,7 @@ use crate::error::Span;
 
 /// What to do about a problem. The words may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Help {
+pub struct Help {
     words: String,
     /// None if only people can decide.
     fix: Option<Box<Fix>>,
@@ -29,12 +29,12 @@ impl Help {
     }
 
     /// Help that is one edit of the text.
-    pub(crate) fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
+    pub fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
         Self::new(words.into(), Fix::Edits(vec![(span, text.into())]))
     }
 
     /// Help that is another name.
-    pub(crate) fn rename(words: String, from: &str, to: &str) -> Self {
+    pub fn rename(words: String, from: &str, to: &str) -> Self {
         Self::new(words, Fix::Rename { from: from.to_owned(), to: to.to_owned() })
     }
 
@@ -44,7 +44,7 @@ impl Help {
     }
 
     /// The port that lacks a link, and the types of values that it takes.
-    pub(crate) fn lacking(&self) -> Option<(&str, &[String])> {
+    pub fn lacking(&self) -> Option<(&str, &[String])> {
         match self.fix.as_deref()? {
             Fix::Link { port, wants } => Some((port, wants)),
             _ => None,
@@ -52,7 +52,7 @@ impl Help {
     }
 
     /// The name that was meant.
-    pub(crate) fn meant(&self) -> Option<&str> {
+    pub fn meant(&self) -> Option<&str> {
         match self.fix.as_deref()? {
             Fix::Rename { to, .. } => Some(to),
             _ => None,
@@ -60,7 +60,7 @@ impl Help {
     }
 
     /// The same words with this edit.
-    pub(crate) fn with_edits(&mut self, edits: Vec<(Span, String)>) {
+    pub fn with_edits(&mut self, edits: Vec<(Span, String)>) {
         self.fix = Some(Box::new(Fix::Edits(edits)));
     }
 
@@ -69,7 +69,7 @@ impl Help {
         Self { words: words(&self.words), ..self }
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.words.is_empty()
     }
 

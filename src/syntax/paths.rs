@@ -2,13 +2,13 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use crate::text::{Help, nearest};
+use crate::{Help, nearest};
 
 /// Marks the root of a project.
-pub(crate) const MARKER: &str = "maquette.toml";
+pub const MARKER: &str = "maquette.toml";
 
 /// The nearest folder upwards from a graph's folder that holds `maquette.toml`, else the graph's folder itself.
-pub(crate) fn project_root(folder: &Path) -> PathBuf {
+pub fn project_root(folder: &Path) -> PathBuf {
     let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let root = folder.ancestors().find(|above| above.join(MARKER).is_file());
     root.unwrap_or(&folder).to_owned()
@@ -16,13 +16,13 @@ pub(crate) fn project_root(folder: &Path) -> PathBuf {
 
 /// Why a file cannot be read, and what to do.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum PathProblem {
+pub enum PathProblem {
     Outside { message: String, help: Help },
     Missing { message: String, help: Help },
 }
 
 /// Whether a graph may read `given`, which stands for `resolved`; looks only at names, opens nothing.
-pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
+pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
     let outside = |what: &str| {
         PathProblem::Outside {
         message: format!("`{given}` {what} outside of the project"),
@@ -76,7 +76,7 @@ fn similar(path: &Path) -> Help {
 }
 
 /// A path without `.` and `..`, by its text alone.
-pub(crate) fn without_dots(path: &Path) -> PathBuf {
+pub fn without_dots(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for part in path.components() {
         match part {
@@ -91,7 +91,7 @@ pub(crate) fn without_dots(path: &Path) -> PathBuf {
 }
 
 /// The folder of a file that may not be there yet, without links and dots.
-pub(crate) fn folder_of_new(file: &Path) -> PathBuf {
+pub fn folder_of_new(file: &Path) -> PathBuf {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folder = file.parent().unwrap_or(&file);
     let there = folder.ancestors().find_map(|folder| {
@@ -103,7 +103,7 @@ pub(crate) fn folder_of_new(file: &Path) -> PathBuf {
 }
 
 /// The path that leads from a folder to a file, both without dots.
-pub(crate) fn path_between(folder: &Path, file: &Path) -> String {
+pub fn path_between(folder: &Path, file: &Path) -> String {
     let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(common).map(|_| "..".to_owned());
     let down = file.components().skip(common);
@@ -112,7 +112,7 @@ pub(crate) fn path_between(folder: &Path, file: &Path) -> String {
 }
 
 /// A path as it is told to others: from the root of the project on, or its last name alone where it lies elsewhere.
-pub(crate) fn within(root: &Path, path: &Path) -> String {
+pub fn within(root: &Path, path: &Path) -> String {
     let name = path.file_name().unwrap_or_default();
     let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
     let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| without_dots(folder));
@@ -123,7 +123,7 @@ pub(crate) fn within(root: &Path, path: &Path) -> String {
 }
 
 /// Whether an output's name stays in the folder of outputs.
-pub(crate) fn stays_inside(name: &str) -> bool {
+pub fn stays_inside(name: &str) -> bool {
     let normal = |part| matches!(part, Component::Normal(_));
     !name.is_empty()
         && !name.contains(['\\', '\0'])

@@ -6,6 +6,8 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_value::Color;
+use maquette_value::plain::ending;
 use serde_json::{Map, Value as Json};
 
 use super::file::parse;
@@ -17,54 +19,52 @@ use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::{any_of, with_article};
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
-use maquette_value::Color;
-use maquette_value::plain::ending;
 
 /// A link that a port holds.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct FoundLink {
-    pub(crate) span: Span,
+pub struct FoundLink {
+    pub span: Span,
     /// `node` or `node.output`.
-    pub(crate) text: String,
+    pub text: String,
     /// The field that holds it.
-    pub(crate) port: String,
+    pub port: String,
     /// The value or union that the port wants.
-    pub(crate) wants: String,
+    pub wants: String,
     /// The values that fit.
-    pub(crate) types: Vec<String>,
+    pub types: Vec<String>,
     /// Whether the port takes a list of links.
-    pub(crate) many: bool,
+    pub many: bool,
     /// Whether the port can do without a link.
-    pub(crate) optional: bool,
+    pub optional: bool,
 }
 
 /// A file that a field names.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct FoundFile {
-    pub(crate) span: Span,
+pub struct FoundFile {
+    pub span: Span,
     /// Where its name is written in this file, if not there: the default of a parameter.
-    pub(crate) at: Span,
-    pub(crate) given: String,
-    pub(crate) resolved: PathBuf,
+    pub at: Span,
+    pub given: String,
+    pub resolved: PathBuf,
     /// Where its name comes from, if that is another file.
-    pub(crate) from: Option<Given>,
+    pub from: Option<Given>,
     /// What is wrong with its ending, and what to do.
-    pub(crate) misfit: Option<(String, String)>,
+    pub misfit: Option<(String, String)>,
 }
 
 /// A problem without its file.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Finding {
-    pub(crate) code: &'static str,
-    pub(crate) span: Span,
-    pub(crate) message: String,
-    pub(crate) help: Help,
-    pub(crate) note: Option<(Span, String)>,
+pub struct Finding {
+    pub code: &'static str,
+    pub span: Span,
+    pub message: String,
+    pub help: Help,
+    pub note: Option<(Span, String)>,
 }
 
 impl Finding {
     /// The same as an error in this file.
-    pub(crate) fn at(self, source: &Arc<Source>) -> Problem {
+    pub fn at(self, source: &Arc<Source>) -> Problem {
         let Self { code, span, message, help, note } = self;
         // What has another name now is understood all the same.
         let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
@@ -78,22 +78,22 @@ impl Finding {
 }
 
 /// Checks one node against its schema.
-pub(crate) struct Walk<'a> {
+pub struct Walk<'a> {
     /// The node's name, for messages.
-    pub(crate) node: &'a str,
+    pub node: &'a str,
     /// The schema of the node, which holds the definitions that others refer to.
-    pub(crate) root: &'a Json,
+    pub root: &'a Json,
     /// What says which folder paths are relative to; none where there are none.
-    pub(crate) sheet: Option<&'a Sheet>,
+    pub sheet: Option<&'a Sheet>,
     /// What has been found, behind what was known before.
-    pub(crate) findings: Vec<Finding>,
-    pub(crate) links: Vec<FoundLink>,
-    pub(crate) files: Vec<FoundFile>,
+    pub findings: Vec<Finding>,
+    pub links: Vec<FoundLink>,
+    pub files: Vec<FoundFile>,
 }
 
 impl Walk<'_> {
     /// Checks the call of the node itself.
-    pub(crate) fn node(&mut self, tree: &Tree) {
+    pub fn node(&mut self, tree: &Tree) {
         let (root, node) = (self.root, self.node);
         match &tree.kind {
             Kind::Word(_) => {
@@ -132,7 +132,7 @@ impl Walk<'_> {
     }
 
     /// Checks the value of the field `field`.
-    pub(crate) fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
+    pub fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
         if tree.is_broken() {
             return;
         }
@@ -482,7 +482,7 @@ fn taken(port: &Json, wants: &str) -> String {
 }
 
 /// What is wrong with a default, by the field's own schema.
-pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
+pub fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
     let mut walk = Walk {
         node: "the node",
         root,
@@ -503,7 +503,7 @@ pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<St
 }
 
 /// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
-pub(crate) fn as_tree(value: &Json) -> Tree {
+pub fn as_tree(value: &Json) -> Tree {
     let fields = |fields: &Map<String, Json>| {
         let field = |(name, value): (&String, &Json)| Field {
             name: Name { text: name.clone(), span: Span::default() },

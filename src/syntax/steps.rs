@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use serde_json::Value as Json;
 
 /// The schema behind a reference, with what stands beside the reference on top; itself if it refers to nothing.
-pub(crate) fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
+pub fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
     let Some(target) = schema.get("$ref").and_then(Json::as_str) else {
         return Cow::Borrowed(schema);
     };
@@ -22,7 +22,7 @@ pub(crate) fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
 }
 
 /// A schema that says the same without words beside references: what both say stands there, so that steps through it copy nothing.
-pub(crate) fn merged(schema: &Json) -> Json {
+pub fn merged(schema: &Json) -> Json {
     merged_within(schema, schema, &mut Vec::new())
 }
 
@@ -54,7 +54,7 @@ fn merged_within(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
 }
 
 /// The schema inside an `Option`, if it is one.
-pub(crate) fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
+pub fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
     let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
     if let Some(any) = schema.get("anyOf").and_then(Json::as_array) {
         let inner: Vec<&Json> = any.iter().filter(|schema| !is_null(schema)).collect();
@@ -74,7 +74,7 @@ pub(crate) fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
 }
 
 /// The schema of what a field takes, without the reference to it and without what says that it may be left out.
-pub(crate) fn inside<'s>(schema: &'s Json, root: &'s Json) -> Cow<'s, Json> {
+pub fn inside<'s>(schema: &'s Json, root: &'s Json) -> Cow<'s, Json> {
     let owned = |inner: Cow<'_, Json>| resolve(root, &inner).into_owned();
     match resolve(root, schema) {
         Cow::Borrowed(schema) => match inside_option(schema) {
@@ -90,7 +90,7 @@ pub(crate) fn inside<'s>(schema: &'s Json, root: &'s Json) -> Cow<'s, Json> {
 }
 
 /// The choices of an enum: names, and the schema of what stands in parentheses behind them.
-pub(crate) fn variants(schema: &Json) -> Vec<(&str, Option<&Json>)> {
+pub fn variants(schema: &Json) -> Vec<(&str, Option<&Json>)> {
     let Some(choices) = schema.get("oneOf").and_then(Json::as_array) else {
         return words(schema).collect();
     };

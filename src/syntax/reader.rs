@@ -14,27 +14,27 @@ use crate::error::Span;
 
 /// Keys of the JSON objects that stand for links and files in a node's serialized parameters. No parameter has such a key,
 /// because a field's name has no dollar sign.
-pub(crate) const LINK: &str = "$link";
-pub(crate) const FILE: &str = "$file";
+pub const LINK: &str = "$link";
+pub const FILE: &str = "$file";
 
-/// Gives a node its fields: made by the check, read by [`node`](crate::node()).
+/// Gives a node its fields: made by the check, read by `node`.
 pub struct Reader<'a> {
-    pub(crate) tree: &'a Tree,
-    pub(crate) links: &'a HashMap<Span, Slots>,
-    pub(crate) files: &'a [FoundFile],
+    pub tree: &'a Tree,
+    pub links: &'a HashMap<Span, Slots>,
+    pub files: &'a [FoundFile],
 }
 
 /// Where the values of a link come in, by its place: a link to the output of a `ForEach` has many.
-pub(crate) struct Slots {
-    pub(crate) first: usize,
-    pub(crate) count: usize,
+pub struct Slots {
+    pub first: usize,
+    pub count: usize,
 }
 
 /// Why a node's fields cannot be read, and where.
 #[derive(Debug)]
-pub(crate) struct ReadError {
-    pub(crate) span: Option<Span>,
-    pub(crate) message: String,
+pub struct ReadError {
+    pub span: Option<Span>,
+    pub message: String,
 }
 
 impl fmt::Display for ReadError {
@@ -52,13 +52,13 @@ impl de::Error for ReadError {
 }
 
 impl Reader<'_> {
-    pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, ReadError> {
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, ReadError> {
         T::deserialize(Value { tree: self.tree, reader: self, nth: 0 })
     }
 }
 
 /// Reads what is no node: without links and files.
-pub(crate) fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
+pub fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
     Reader { tree, links: &HashMap::new(), files: &[] }.read()
 }
 

@@ -7,12 +7,12 @@ use super::tree::{Field, Tree};
 use crate::error::{Span, code};
 
 /// An error for each key of a map that stood before it; `what` it names, for messages.
-pub(crate) fn twice(entries: &[(Tree, Tree)], what: &str) -> Vec<Finding> {
+pub fn twice(entries: &[(Tree, Tree)], what: &str) -> Vec<Finding> {
     told(entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span))), what)
 }
 
 /// The same for fields.
-pub(crate) fn fields_twice(fields: &[Field]) -> Vec<Finding> {
+pub fn fields_twice(fields: &[Field]) -> Vec<Finding> {
     told(fields.iter().map(|field| (&field.name.text[..], field.name.span)), "field")
 }
 

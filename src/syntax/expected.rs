@@ -8,30 +8,30 @@ use super::steps::{inside, variants};
 
 /// What is expected of a value.
 #[derive(Clone)]
-pub(crate) struct Expected<'a> {
+pub struct Expected<'a> {
     /// The name of the field that it is, or that it is in.
-    pub(crate) field: Cow<'a, str>,
+    pub field: Cow<'a, str>,
     /// Its schema, without references and without what says that it may be left out.
-    pub(crate) schema: Cow<'a, Json>,
+    pub schema: Cow<'a, Json>,
     /// The text of the unit of its numbers, which a list has for all in it.
-    pub(crate) unit: Option<String>,
-    pub(crate) root: &'a Json,
+    pub unit: Option<String>,
+    pub root: &'a Json,
 }
 
 impl<'a> Expected<'a> {
     /// What is expected of the call of a node.
-    pub(crate) fn of_node(name: &'a str, schema: &'a Json) -> Self {
+    pub fn of_node(name: &'a str, schema: &'a Json) -> Self {
         Self { field: name.into(), schema: Cow::Borrowed(schema), unit: None, root: schema }
     }
 
     /// What is expected of a field.
-    pub(crate) fn field(&self, name: &str) -> Option<Self> {
+    pub fn field(&self, name: &str) -> Option<Self> {
         let field = Cow::Owned(name.to_owned());
         self.step(field, None, |schema| schema.get("properties")?.get(name))
     }
 
     /// What is expected of an item of a list or tuple.
-    pub(crate) fn item(&self, index: usize) -> Option<Self> {
+    pub fn item(&self, index: usize) -> Option<Self> {
         self.within(|schema| {
             let fixed = schema.get("prefixItems").and_then(|fixed| fixed.get(index));
             fixed.or_else(|| schema.get("items"))
@@ -39,12 +39,12 @@ impl<'a> Expected<'a> {
     }
 
     /// What is expected of an entry of a map.
-    pub(crate) fn entry(&self) -> Option<Self> {
+    pub fn entry(&self) -> Option<Self> {
         self.within(|schema| schema.get("additionalProperties"))
     }
 
     /// What is expected in the parentheses behind a name, such as that of a choice; `Some` says nothing.
-    pub(crate) fn behind(&self, name: &str) -> Option<Self> {
+    pub fn behind(&self, name: &str) -> Option<Self> {
         match content(&self.schema, name) {
             Some(_) => self.within(|schema| content(schema, name)?),
             None => Some(self.clone()),
@@ -52,23 +52,23 @@ impl<'a> Expected<'a> {
     }
 
     /// What is expected of an item in the parentheses behind a name: the content itself, if that is no tuple.
-    pub(crate) fn argument(&self, index: usize) -> Option<Self> {
+    pub fn argument(&self, index: usize) -> Option<Self> {
         match self.schema.get("prefixItems") {
             Some(_) => self.item(index),
             None => Some(self.clone()),
         }
     }
 
-    pub(crate) fn is_number(&self) -> bool {
+    pub fn is_number(&self) -> bool {
         matches!(self.schema.get("type").and_then(Json::as_str), Some("number" | "integer"))
     }
 
-    pub(crate) fn is_whole_number(&self) -> bool {
+    pub fn is_whole_number(&self) -> bool {
         self.schema.get("type").and_then(Json::as_str) == Some("integer")
     }
 
     /// Whether it is written in parentheses, as a vector is, with numbers alone.
-    pub(crate) fn is_tuple(&self) -> bool {
+    pub fn is_tuple(&self) -> bool {
         let count = |name: &str| self.schema.get(name).and_then(Json::as_u64);
         let is_fixed = self.schema.get("prefixItems").is_some()
             || count("minItems").is_some() && count("minItems") == count("maxItems");

@@ -29,7 +29,7 @@ const KNOWN: [(&str, Measure); 7] = [
 ];
 
 /// The names of the units that numbers may be written in.
-pub(crate) fn unit_names() -> impl Iterator<Item = &'static str> {
+pub fn unit_names() -> impl Iterator<Item = &'static str> {
     KNOWN.iter().map(|(name, _)| *name)
 }
 
@@ -37,11 +37,11 @@ pub(crate) fn unit_names() -> impl Iterator<Item = &'static str> {
 ///
 /// Each known unit has its exponent, and only one of each measure has another one than 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Unit([i32; KNOWN.len()]);
+pub struct Unit([i32; KNOWN.len()]);
 
 impl Unit {
     /// The known unit of this name.
-    pub(crate) fn named(name: &str) -> Option<Self> {
+    pub fn named(name: &str) -> Option<Self> {
         Self::power(name, 1)
     }
 
@@ -53,7 +53,7 @@ impl Unit {
     }
 
     /// The unit that a text means: `mm`, `mm^2`, `px/mm`, `1/mm`. None if it is not made of known units.
-    pub(crate) fn read(text: &str) -> Option<Self> {
+    pub fn read(text: &str) -> Option<Self> {
         let (above, below) = match text.split_once('/') {
             Some((above, below)) => (above, Some(below)),
             None => (text, None),
@@ -73,12 +73,12 @@ impl Unit {
         (!unit.is_pure()).then_some(unit)
     }
 
-    pub(crate) fn is_pure(self) -> bool {
+    pub fn is_pure(self) -> bool {
         self == Self::default()
     }
 
     /// Whether both measure the same, so that one can be converted to the other.
-    pub(crate) fn is_like(self, other: Self) -> bool {
+    pub fn is_like(self, other: Self) -> bool {
         let exponent = |unit: Self, measure| unit.of(measure).map(|(_, exponent)| exponent);
         MEASURES.iter().all(|&measure| exponent(self, measure) == exponent(other, measure))
     }
@@ -132,18 +132,18 @@ impl fmt::Display for Unit {
 
 /// A number and its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Quantity {
-    pub(crate) value: f64,
-    pub(crate) unit: Unit,
+pub struct Quantity {
+    pub value: f64,
+    pub unit: Unit,
 }
 
 impl Quantity {
-    pub(crate) fn pure(value: f64) -> Self {
+    pub fn pure(value: f64) -> Self {
         Self { value, unit: Unit::default() }
     }
 
     /// What `cm(1.2)` says.
-    pub(crate) fn read(tree: &Tree) -> Option<Self> {
+    pub fn read(tree: &Tree) -> Option<Self> {
         let name = tree.name()?.text;
         let unit = Unit::named(&name)?;
         match tree.call_of(&name)?.kind {
@@ -153,7 +153,7 @@ impl Quantity {
     }
 
     /// The number in another unit, which measures the same.
-    pub(crate) fn in_unit(self, unit: Unit) -> f64 {
+    pub fn in_unit(self, unit: Unit) -> f64 {
         let mut value = self.value;
         for measure in MEASURES {
             let (Some((from, exponent)), Some((to, _))) = (self.unit.of(measure), unit.of(measure))
@@ -171,18 +171,18 @@ impl Quantity {
         value
     }
 
-    pub(crate) fn times(self, other: Self) -> Self {
+    pub fn times(self, other: Self) -> Self {
         let unit = other.unit.in_units_of(self.unit);
         Self { value: self.value * other.in_unit(unit), unit: self.unit.times(unit) }
     }
 
-    pub(crate) fn over(self, other: Self) -> Self {
+    pub fn over(self, other: Self) -> Self {
         let unit = other.unit.in_units_of(self.unit);
         Self { value: self.value / other.in_unit(unit), unit: self.unit.times(unit.inverse()) }
     }
 
     /// Its square root; none if its unit is no square.
-    pub(crate) fn root(self) -> Option<Self> {
+    pub fn root(self) -> Option<Self> {
         let is_square = self.unit.0.iter().all(|exponent| exponent % 2 == 0);
         let unit = Unit(self.unit.0.map(|exponent| exponent / 2));
         is_square.then(|| Self { value: self.value.sqrt(), unit })

@@ -9,40 +9,40 @@ use crate::error::Span;
 
 /// What stands around a place of a text.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Cursor {
+pub struct Cursor {
     /// The brackets that are open, from the outermost on.
-    pub(crate) frames: Vec<Frame>,
+    pub frames: Vec<Frame>,
     /// What is being written.
-    pub(crate) typed: Typed,
+    pub typed: Typed,
 }
 
 /// A bracket that is open.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Frame {
+pub struct Frame {
     /// `(`, `[` or `{`.
-    pub(crate) bracket: char,
+    pub bracket: char,
     /// Where it stands.
-    pub(crate) start: usize,
+    pub start: usize,
     /// The word before it: `Threshold` of `Threshold(`.
-    pub(crate) name: Option<Name>,
+    pub name: Option<Name>,
     /// The field or key whose value stands, or would stand, here; none where a name is due.
-    pub(crate) field: Option<Name>,
+    pub field: Option<Name>,
     /// How many parts, each with its comma, stand before.
-    pub(crate) index: usize,
+    pub index: usize,
     /// The fields and keys that it has, those behind the place included as far as the text is in order.
-    pub(crate) given: Vec<Name>,
+    pub given: Vec<Name>,
 }
 
 /// What is being written at a place.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Typed {
-    pub(crate) kind: TypedKind,
+pub struct Typed {
+    pub kind: TypedKind,
     /// The whole word, or the whole text without its quotes; empty between two words.
-    pub(crate) span: Span,
+    pub span: Span,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum TypedKind {
+pub enum TypedKind {
     /// Nothing yet.
     Nothing,
     /// A word, or a number.
@@ -53,7 +53,7 @@ pub(crate) enum TypedKind {
 }
 
 /// A field, a key or an item that a walk over the tokens passes, with the brackets around it.
-pub(crate) enum Passed<'a> {
+pub enum Passed<'a> {
     /// `name:`, whose value follows.
     Name(&'a Name),
     /// A word, a number, or a text without its quotes.
@@ -193,7 +193,7 @@ fn ends_escaped(text: &str) -> bool {
 }
 
 /// What stands around a place, which is moved back to the beginning of a letter if it is inside of one.
-pub(crate) fn cursor(text: &str, at: usize) -> Cursor {
+pub fn cursor(text: &str, at: usize) -> Cursor {
     let at = (0..=at.min(text.len())).rfind(|&at| text.is_char_boundary(at)).unwrap_or(0);
     let mut walk = Walk::default();
     let mut typed = Typed { kind: TypedKind::Nothing, span: Span { start: at, end: at } };
@@ -293,7 +293,7 @@ impl Typed {
 }
 
 /// Tells of all names, words and texts of a text in their order, each with the brackets around it.
-pub(crate) fn each_word(text: &str, mut see: impl FnMut(&[Frame], Passed<'_>)) {
+pub fn each_word(text: &str, mut see: impl FnMut(&[Frame], Passed<'_>)) {
     let mut walk = Walk::default();
     for (kind, span) in recovered_tokens(text) {
         walk.pass(text, kind, span, &mut see);

@@ -9,7 +9,7 @@ fn acts(c: char) -> bool {
 }
 
 /// The text with a picture of every such character: `␛` for the one that begins escape sequences.
-pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
+pub fn harmless(text: &str) -> Cow<'_, str> {
     if !text.contains(acts) {
         return Cow::Borrowed(text);
     }
@@ -39,7 +39,7 @@ pub(super) fn harmless_in_place(text: &str) -> Cow<'_, str> {
 }
 
 /// A JSON document with every such character as an escape: they stand in its texts alone.
-pub(crate) fn escaped(json: &str) -> Cow<'_, str> {
+pub fn escaped(json: &str) -> Cow<'_, str> {
     if !json.contains(acts) {
         return Cow::Borrowed(json);
     }

@@ -9,30 +9,30 @@ use crate::error::{Place, Problem, Source, Span, Use};
 
 /// A text that is checked as one. A patched graph is the graph's text with parts that stand in the patch's file.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Sheet {
+pub struct Sheet {
     /// The file, and the text that is checked.
-    pub(crate) source: Arc<Source>,
+    pub source: Arc<Source>,
     /// The folder that paths in the text are relative to.
-    pub(crate) folder: PathBuf,
+    pub folder: PathBuf,
     /// The folder of the file that was named, which may be a patch: paths that are set from outside are relative to it.
-    pub(crate) named_folder: PathBuf,
+    pub named_folder: PathBuf,
     /// What the text is made of, in order, if it is not one file's.
-    pub(crate) parts: Vec<TextPart>,
+    pub parts: Vec<TextPart>,
 }
 
 /// A part of a text that stands in some file.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct TextPart {
+pub struct TextPart {
     /// Where it is in the whole text.
-    pub(crate) span: Span,
+    pub span: Span,
     /// Where it stands.
-    pub(crate) source: Arc<Source>,
-    pub(crate) start: usize,
-    pub(crate) folder: PathBuf,
+    pub source: Arc<Source>,
+    pub start: usize,
+    pub folder: PathBuf,
 }
 
 impl Sheet {
-    pub(crate) fn new(source: Arc<Source>, folder: PathBuf) -> Arc<Self> {
+    pub fn new(source: Arc<Source>, folder: PathBuf) -> Arc<Self> {
         Arc::new(Self { source, named_folder: folder.clone(), folder, parts: Vec::new() })
     }
 
@@ -42,7 +42,7 @@ impl Sheet {
     }
 
     /// The file in which a part of the text stands, and where.
-    pub(crate) fn place(&self, span: Span) -> (Arc<Source>, Span) {
+    pub fn place(&self, span: Span) -> (Arc<Source>, Span) {
         let Some(part) = self.part(span.start).filter(|_| span != Span::default()) else {
             return (self.source.clone(), span);
         };
@@ -59,14 +59,14 @@ impl Sheet {
     }
 
     /// The same in words: `graphs/face.ron:9:30`.
-    pub(crate) fn place_in_words(&self, span: Span) -> String {
+    pub fn place_in_words(&self, span: Span) -> String {
         let (source, span) = self.place(span);
         let Place { line, column } = Place::of(&source.text, span.start);
         format!("{}:{line}:{column}", source.name.display())
     }
 
     /// The folder that a path at this place is relative to.
-    pub(crate) fn folder_of(&self, span: Span) -> &Path {
+    pub fn folder_of(&self, span: Span) -> &Path {
         self.part(span.start).map_or(&self.folder, |part| &part.folder)
     }
 
@@ -82,7 +82,7 @@ impl Sheet {
     }
 
     /// A finding as a problem of its file.
-    pub(crate) fn problem(&self, finding: Finding, uses: &[Use]) -> Problem {
+    pub fn problem(&self, finding: Finding, uses: &[Use]) -> Problem {
         let (source, span) = self.place(finding.span);
         let here = |span| {
             let (other, place) = self.place(span);

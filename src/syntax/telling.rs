@@ -7,7 +7,7 @@ use crate::error::{Place, Problem, Severity, Span};
 mod words;
 
 use words::harmless_in_place;
-pub(crate) use words::{escaped, harmless};
+pub use words::{escaped, harmless};
 
 impl Problem {
     /// The problem as the command line prints it: over several lines, with the place in the graph's text, and with colors of a terminal if
@@ -18,7 +18,7 @@ impl Problem {
 }
 
 /// A problem with its lines of the graph, over several lines; long lines are cut around the place if there is a width.
-pub(crate) fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
+pub fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
     let renderer = if color { Renderer::styled() } else { Renderer::plain() };
     let renderer = width.map_or(renderer.clone(), |width| renderer.term_width(width));
     renderer.render(&[snippet(problem)])

@@ -15,15 +15,15 @@ use crate::error::{Place, Span};
 
 /// A mistake in the text itself: where, what, and what to do.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Mistake {
-    pub(crate) span: Span,
-    pub(crate) message: String,
-    pub(crate) help: Help,
+pub struct Mistake {
+    pub span: Span,
+    pub message: String,
+    pub help: Help,
 }
 
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
 /// deep than the stack of a thread.
-pub(crate) const DEEPEST: usize = 128;
+pub const DEEPEST: usize = 128;
 
 /// The tokens of a text in order, none left out, each with its place. Nothing in it is nested, so that any text will do.
 pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
@@ -36,7 +36,7 @@ pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)>
 }
 
 /// The first word, bracket or sign of a text, which tells what it holds.
-pub(crate) fn first_word(text: &str) -> &str {
+pub fn first_word(text: &str) -> &str {
     use SyntaxKind::{BlockComment, Bom, LineComment, Whitespace};
     let is_trivia = |kind| matches!(kind, Bom | Whitespace | LineComment | BlockComment);
     let first = raw_tokens(text).find(|(kind, _)| !is_trivia(*kind));
@@ -66,7 +66,7 @@ fn too_deep(mut tokens: impl Iterator<Item = (SyntaxKind, Span)>) -> Option<Span
 }
 
 /// The value of a whole text, as far as it can be read, and the mistakes in it.
-pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
+pub fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     let tokens = Vec::from_iter(raw_tokens(text));
     if let Some(span) = too_deep(tokens.iter().copied()) {
         let message = format!("values are nested more than {DEEPEST} deep here");
@@ -219,7 +219,7 @@ fn is_closed(comment: &str) -> bool {
 
 /// What a piece of the text is, as far as its layout goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Token {
+pub enum Token {
     Space,
     LineComment,
     BlockComment,
@@ -232,7 +232,7 @@ pub(crate) enum Token {
 }
 
 /// The pieces of the text in order, none left out.
-pub(crate) fn tokens(text: &str) -> Vec<(Token, Span)> {
+pub fn tokens(text: &str) -> Vec<(Token, Span)> {
     raw_tokens(text).map(|(kind, span)| (Token::of(kind), span)).collect()
 }
 
@@ -253,7 +253,7 @@ impl Token {
 }
 
 /// The text as its syntax tree prints it: the same bytes, however broken the text is. What is nested too deep has no tree.
-pub(crate) fn printed(text: &str) -> String {
+pub fn printed(text: &str) -> String {
     match too_deep(raw_tokens(text)) {
         None => ronin_core::print(&ronin_core::parse(text)),
         Some(_) => text.to_owned(),
