@@ -15,15 +15,8 @@ fn main() {
     divan::main();
 }
 
-const PACK: Pack = Pack {
-    name: "regions",
-    nodes: &[node::<Center>(), node::<Collect>()],
-    values: &[],
-    migrations: &[],
-    recipes: &[],
-    formats: &[],
-    readers: &[],
-};
+const PACK: Pack =
+    Pack { name: "regions", nodes: &[node::<Center>(), node::<Collect>()], ..Pack::EMPTY };
 
 const TEXT: &str = r#"Graph(
     format: 1,

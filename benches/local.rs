@@ -91,15 +91,7 @@ impl Node for Dent {
     }
 }
 
-const PACK: Pack = Pack {
-    name: "bench",
-    nodes: &[node::<Push>(), node::<Dent>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
-};
+const PACK: Pack = Pack { name: "bench", nodes: &[node::<Push>(), node::<Dent>()], ..Pack::EMPTY };
 
 fn packs() -> Vec<&'static Pack> {
     maquette_nodes::PACKS.iter().copied().chain([&PACK]).collect()

@@ -1,10 +1,13 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use indexmap::IndexMap;
+use maquette_node::pack::{Format, Migration, NewFile, Pack, Recipe};
+use maquette_node::reading::{AnyReader, Readers};
+use maquette_node::{Carry, NodeType, Output, Term};
 use maquette_syntax::error::Error;
 use maquette_syntax::merged;
 use maquette_value::plain::ending;
@@ -12,9 +15,6 @@ use maquette_value::{AnyValue, TYPES, ValueType};
 use serde_json::{Value as Json, json};
 
 use crate::format::{FORMATS, READERS};
-use crate::node::{Carry, NodeType, Output, Term};
-use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
-use crate::reading::{AnyReader, Readers};
 
 mod description;
 
@@ -41,34 +41,22 @@ pub struct Catalog {
 pub(crate) struct Code {
     /// The pack.
     pub(crate) pack: &'static str,
-    /// The ids of the builds that its nodes are of.
-    pub(crate) builds: BTreeSet<&'static str>,
-    /// Addresses of all code that has no id: of nodes without one, and of values, formats and readers, which need not be from
-    /// the same crate as the nodes.
+    /// The id of the build that it is of; empty if that is not known.
+    pub(crate) build: &'static str,
+    /// Addresses of the code that it lists, if it has no id.
     pub(crate) others: Vec<usize>,
 }
 
 impl Code {
     fn of(pack: &Pack) -> Self {
-        let has_id = |node: &&NodeType| !(node.build)().is_empty();
-        let nodes = pack.nodes.iter().filter(|node| !has_id(node)).map(|node| node.read as usize);
-        let (known, values): (Vec<&ValueType>, Vec<&ValueType>) =
-            pack.values.iter().partition(|kind| !(kind.build)().is_empty());
-        let values = values.into_iter().map(ValueType::code);
-        let known = known.into_iter().map(|kind| (kind.build)());
+        let build = (pack.build)();
+        let nodes = pack.nodes.iter().map(|node| node.read as usize);
+        let values = pack.values.iter().map(|kind| kind.code());
         let formats = pack.formats.iter().map(Format::code);
         let readers = pack.readers.iter().map(AnyReader::code);
-        Self {
-            pack: pack.name,
-            builds: pack
-                .nodes
-                .iter()
-                .filter(has_id)
-                .map(|node| (node.build)())
-                .chain(known)
-                .collect(),
-            others: nodes.chain(values).chain(formats).chain(readers).collect(),
-        }
+        let all = nodes.chain(values).chain(formats).chain(readers);
+        let others = if build.is_empty() { all.collect() } else { Vec::new() };
+        Self { pack: pack.name, build, others }
     }
 }
 
@@ -76,6 +64,8 @@ impl Code {
 pub(crate) struct Entry {
     pub(crate) name: String,
     pub(crate) pack: &'static str,
+    /// The version of the pack.
+    pub(crate) version: &'static str,
     pub(crate) node: NodeType,
     readers: Arc<Readers>,
     schema: OnceLock<Json>,
@@ -190,6 +180,7 @@ impl Catalog {
                 let entry = || Entry {
                     name: name.clone(),
                     pack: pack.name,
+                    version: pack.version,
                     node: *node,
                     readers: readers.clone(),
                     schema: OnceLock::new(),
@@ -400,12 +391,12 @@ fn name_endings(schema: &mut Json, readers: &Readers) {
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::{Context, Node, node};
     use maquette_value::{Mesh, value_type};
     use schemars::JsonSchema;
     use serde::{Deserialize, Serialize};
 
     use super::*;
-    use crate::node::{Context, Node, node};
 
     #[derive(Serialize, Deserialize, JsonSchema)]
     struct Nothing {}
@@ -419,34 +410,23 @@ mod tests {
         }
     }
 
-    const EMPTY: Pack = Pack {
-        name: "",
-        nodes: &[],
-        values: &[],
-        formats: &[],
-        readers: &[],
-        migrations: &[],
-        recipes: &[],
-    };
-
     #[test]
-    fn what_a_pack_brings_is_known_by_its_build_or_by_where_its_code_is() {
-        const PLAIN: NodeType = node::<Nothing>();
-        const ONE: NodeType = PLAIN.of_build(|| "1");
-        const TWO: NodeType = PLAIN.of_build(|| "2");
-        let check = |pack: Pack, builds: &[&'static str], others: usize| {
-            let code = Catalog::new(&[&EMPTY, &pack]).code()[1].clone();
-            assert_eq!(Vec::from_iter(&code.builds), Vec::from_iter(builds));
-            assert_eq!(code.others.len(), others, "{code:?}");
-        };
-        check(EMPTY, &[], 0);
-        check(Pack { nodes: &[ONE, TWO, ONE], ..EMPTY }, &["1", "2"], 0);
-        check(Pack { nodes: &[ONE, PLAIN], ..EMPTY }, &["1"], 1);
-        check(Pack { nodes: const { &[PLAIN.of_build(|| "")] }, ..EMPTY }, &[], 1);
-        // Who gathers the nodes of others may bring a reader of his own.
-        check(Pack { nodes: &[ONE], readers: &READERS[..1], ..EMPTY }, &["1"], 1);
-        check(Pack { nodes: &[ONE], formats: &FORMATS[..1], ..EMPTY }, &["1"], 1);
+    fn a_pack_is_known_by_its_build_or_by_where_its_code_is() {
+        const NODES: &[NodeType] = &[node::<Nothing>(), node::<Nothing>()];
         static VALUES: [&ValueType; 1] = [value_type::<Mesh>()];
-        check(Pack { nodes: &[ONE], values: &VALUES, ..EMPTY }, &["1"], 1);
+        let check = |pack: Pack, build: &str, others: usize| {
+            let code = Catalog::new(&[&Pack::EMPTY, &pack]).code()[1].clone();
+            assert_eq!((code.build, code.others.len()), (build, others), "{code:?}");
+        };
+        check(Pack::EMPTY, "", 0);
+        let all = Pack {
+            nodes: NODES,
+            values: &VALUES,
+            readers: &READERS[..1],
+            formats: &FORMATS[..1],
+            ..Pack::EMPTY
+        };
+        check(all, "", 5);
+        check(Pack { build: || "1", ..all }, "1", 0);
     }
 }

@@ -5,6 +5,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
 
+use maquette_node::pack::Pack;
+use maquette_node::reading::Readers;
+use maquette_node::{CancelToken, Context, Progress};
 use maquette_syntax::error::Error;
 use maquette_syntax::{check_default, inside, resolve, variants};
 use maquette_value::{AnyValue, ValueType};
@@ -13,9 +16,6 @@ use serde_json::Value as Json;
 use crate::catalog::{Catalog, Entry};
 use crate::eval::Evaluator;
 use crate::graph::{Graph, GraphNode, Options, is_name};
-use crate::node::{CancelToken, Context, Progress};
-use crate::pack::Pack;
-use crate::reading::Readers;
 
 mod attributes;
 mod cells;

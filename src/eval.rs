@@ -8,15 +8,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use maquette_node::CancelToken;
+use maquette_node::pack::{Content, NewFile};
+use maquette_node::provenance::Signature;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::{AnyValue, Hash};
 
 use crate::files::Known;
 use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
-use crate::node::CancelToken;
-use crate::pack::{Content, NewFile};
-use crate::provenance::Signature;
 
 mod cache;
 mod compute;
@@ -331,7 +331,7 @@ impl Evaluator {
     /// The same, with at most this many bytes for results and nodes under way together. Else it is nine tenths of what the machine,
     /// or the group of processes that this one is in, has left, where the system tells that.
     ///
-    /// A node that says by [`Node::estimate`](crate::Node::estimate) that it needs more fails before it begins; one for which
+    /// A node that says by [`Node::estimate`](maquette_node::Node::estimate) that it needs more fails before it begins; one for which
     /// others leave too little waits for them. Results that no node needs any more make way.
     #[must_use]
     pub fn holding_at_most(mut self, bytes: u64) -> Self {

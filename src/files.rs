@@ -9,14 +9,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
+use maquette_node::reading::{Readers, Reading, read_companion};
+use maquette_node::{Companions, File, ReadError};
 use maquette_syntax::error::in_words;
 use maquette_value::Hash;
 use maquette_value::plain;
 use maquette_value::plain::ending;
 use serde::{Deserialize, Serialize};
 
-use crate::node::{Companions, File, ReadError};
-use crate::reading::{Readers, Reading, read_companion};
 use crate::stamp::Stamp;
 
 /// A file that a node reads.

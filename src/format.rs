@@ -1,22 +1,23 @@
 //! Files: what reads bytes into values, and what writes values to bytes.
 //!
 //! Readers are functions from bytes to a value or a typed error. They never panic, and never reserve more memory than a small
-//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](crate::FileFormat)s, readers by ending
-//! [`FileReader`](crate::FileReader)s; [`FORMATS`] and [`READERS`] list them, one line for each type of values and kind of files.
+//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](maquette_node::pack::FileFormat)s, readers by ending
+//! [`FileReader`](maquette_node::reading::FileReader)s; [`FORMATS`] and [`READERS`] list them, one line for each type of values and kind of files.
 
 use std::fmt;
 
+use maquette_node::pack::{Format, format};
+use maquette_node::reading::{AnyReader, NoReader, Readers, Reading, reader};
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, Value, value_type};
 use nalgebra::Point3;
 use thiserror::Error;
 
-use crate::pack::{Format, format};
-use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
-
 pub mod abs;
 pub mod camera;
+#[cfg(test)]
+mod chosen;
 mod corners;
 pub mod decoder;
 pub mod depth;

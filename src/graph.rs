@@ -4,15 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_node::AnyNode;
+use maquette_node::pack::Format;
+use maquette_node::reading::Readers;
 use maquette_syntax::error::{Problem, Severity, Source, Span, Use};
 use maquette_syntax::paths::without_dots;
 use maquette_syntax::{Origin, Sheet, Tree, ron, shell};
 use maquette_value::plain;
 use maquette_value::{Hash, ValueType};
-
-use crate::node::AnyNode;
-use crate::pack::Format;
-use crate::reading::Readers;
 
 mod asked;
 mod check;

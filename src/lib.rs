@@ -60,7 +60,7 @@
 //! }
 //!
 //! pub const PACK: Pack =
-//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[], migrations: &[], recipes: &[] };
+//!     Pack { name: "lift", nodes: &[node::<Lift>()], ..Pack::EMPTY };
 //! ```
 //!
 //! [`conformance::check`] tells which laws a pack breaks; `cli::main` with some packs is a program with all commands. `examples/embed.rs`
@@ -88,15 +88,10 @@ mod files;
 mod golden;
 mod graph;
 mod language;
-mod limit;
-mod node;
-mod pack;
 #[cfg(feature = "cli")]
 mod page;
 #[cfg(feature = "cli")]
 mod probe;
-mod provenance;
-mod reading;
 mod session;
 mod stamp;
 mod suite;
@@ -113,7 +108,17 @@ pub use graph::{
     Change, Checked, Difference, Edit, Edited, Extracted, Extraction, Files, Graph, GraphInput,
     GraphPort, InputValues, Merge, Options, Put, ReadFile,
 };
-pub use limit::{Estimate, Limit, TooMuch};
+pub use maquette_node::limit::{Estimate, Limit, TooMuch};
+pub use maquette_node::pack::{
+    Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format,
+};
+pub use maquette_node::provenance::Signature;
+pub use maquette_node::reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
+pub use maquette_node::{
+    CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
+    PortType, Previous, Progress, Promise, ReadError, Want, node,
+};
+pub use maquette_node::{this_build, union};
 pub use maquette_syntax::{Cancelled, Error, Place, Problem, Reader, Severity, Source, Span, code};
 pub use maquette_value as value;
 pub use maquette_value::{
@@ -121,13 +126,6 @@ pub use maquette_value::{
     ValueType, hash_of, value_type,
 };
 pub use maquette_value::{memory, parallel, random, simd};
-pub use node::{
-    CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
-    PortType, Previous, Progress, Promise, ReadError, Want, node,
-};
-pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
-pub use provenance::Signature;
-pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{
     CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, Session, SessionError,
     Settings, Wanted, Written, save,

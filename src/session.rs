@@ -3,6 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_node::CancelToken;
+use maquette_node::pack::{NewFile, Pack};
+use maquette_node::provenance::{Provenance, Signature};
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_syntax::{unknown, with_article};
 use maquette_value::{AnyValue, Value};
@@ -15,9 +18,6 @@ use crate::eval::{
 };
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
-use crate::node::CancelToken;
-use crate::pack::{NewFile, Pack};
-use crate::provenance::{Provenance, Signature};
 
 mod elements;
 #[cfg(feature = "cli")]

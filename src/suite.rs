@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_node::pack::NewFile;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_value::AnyValue;
 use maquette_value::plain;
@@ -15,7 +16,6 @@ use crate::eval::{RunTrace, ThreadsError};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::{self, Golden, NoGolden, Written, because};
 use crate::golden::{Comparison, Tolerance, Violation};
-use crate::pack::NewFile;
 use crate::session::{self, Session};
 use crate::writing::{Destination, Refused, Sources};
 

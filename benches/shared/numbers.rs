@@ -59,8 +59,5 @@ pub(crate) const PACK: Pack = Pack {
     name: "numbers",
     nodes: &[node::<Add>()],
     values: &[value_type::<Number>()],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

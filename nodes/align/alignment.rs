@@ -125,10 +125,6 @@ fn is_rigid(motion: &Matrix4<f64>) -> bool {
 impl Value for Alignment {
     const NAME: &'static str = "Alignment";
 
-    fn build() -> &'static str {
-        env!("MAQUETTE_BUILD")
-    }
-
     fn encode(&self, to: &mut Encoder) {
         to.column(&self.motions).counts(&[self.pairs.len()]);
         for pair in &self.pairs {

@@ -1,6 +1,6 @@
 //! Nodes that bring several scans of one object together.
 
-use maquette::{Pack, Recipe, value_type};
+use maquette::{Pack, Recipe, node, value_type};
 
 mod align;
 mod align_all;
@@ -23,15 +23,13 @@ pub use align_error::AlignError;
 pub use alignment::{Alignment, PairFit};
 pub use move_aligned::MoveAligned;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that bring several scans of one object together.
 pub static PACK: Pack = Pack {
     name: "align",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[node::<Align>(), node::<AlignAll>(), node::<MoveAligned>()],
     values: &[value_type::<Alignment>()],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
     recipes: &[Recipe { name: "captures", text: include_str!("recipes/captures.ron") }],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes that clean scans: even faces, less noise, nothing that flies around.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod flying_pixels;
 mod remesh;
@@ -16,15 +16,11 @@ pub use remesh_error::RemeshError;
 pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
 pub use smooth::{Smooth, SmoothError, smooth};
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>(), node::<FlyingPixels>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod atlas;
 mod bake;
@@ -19,20 +19,16 @@ pub use layout::{LaidOut, Layout, LayoutError, lay_out};
 pub use texture_to_colors::{Sampling, TextureToColors, TextureToColorsError, texture_to_colors};
 pub use unwrap::Unwrap;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
 pub static PACK: Pack = Pack {
     name: "color",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<Unwrap>(),
         node::<Bake>(),
         node::<ColorsToTexture>(),
         node::<TextureToColors>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

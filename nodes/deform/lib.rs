@@ -1,6 +1,6 @@
 //! Nodes that deform by handles.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod ffd;
 mod ffd_error;
@@ -29,11 +29,11 @@ pub use mode::Mode;
 pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
 pub use tube::{Tube, TubeError, tube};
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that deform by handles.
 pub static PACK: Pack = Pack {
     name: "deform",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ReadHandles>(),
         node::<Handles>(),
@@ -42,9 +42,5 @@ pub static PACK: Pack = Pack {
         node::<Lattice>(),
         node::<Tube>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

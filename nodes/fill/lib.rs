@@ -1,6 +1,6 @@
 //! Nodes that close the holes of surfaces.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod attributes;
 mod border;
@@ -24,15 +24,11 @@ pub use fill_error::FillError;
 pub use fill_holes::{FillHoles, Filled, fill_holes};
 pub use method::FillMethod;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that close the holes of surfaces.
 pub static PACK: Pack = Pack {
     name: "fill",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[node::<FillHoles>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

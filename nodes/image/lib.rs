@@ -1,6 +1,6 @@
 //! Nodes on pictures.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod combine_masks;
 mod connectivity;
@@ -42,11 +42,11 @@ pub use segment::select::{Channel, Select, Space};
 pub use thin::{Thin, ThinError, ThinMethod, thin};
 pub use threshold::Threshold;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes on pictures.
 pub static PACK: Pack = Pack {
     name: "image",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ReadImage>(),
         node::<PaintedMask>(),
@@ -60,9 +60,5 @@ pub static PACK: Pack = Pack {
         node::<CombineMasks>(),
         node::<Label>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes on meshes, points and curves.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod common_frame;
 mod followed;
@@ -37,11 +37,11 @@ pub use reconstruct::{
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Transform, transform};
 
-maquette::nodes_of_this_build!();
-
 /// Nodes on meshes, points and curves.
 pub static PACK: Pack = Pack {
     name: "mesh",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ReadMesh>(),
         node::<ReadPoints>(),
@@ -53,9 +53,5 @@ pub static PACK: Pack = Pack {
         node::<Merge>(),
         node::<Reconstruct>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes that redesign a region as a rational B-spline surface.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod blend;
 mod blend_error;
@@ -52,11 +52,11 @@ pub use revolve::{Revolve, RevolveError, revolve, revolve_curve};
 pub use tessellate::{Tessellate, TessellateError, tessellate};
 pub use weights::{Weights, WeightsError, weights, weights_inside};
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that redesign a region as a rational B-spline surface.
 pub static PACK: Pack = Pack {
     name: "nurbs",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ControlNet>(),
         node::<OffsetNet>(),
@@ -70,9 +70,5 @@ pub static PACK: Pack = Pack {
         node::<Tessellate>(),
         node::<Blend>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes on range images.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod average_normal;
 mod denoise;
@@ -30,11 +30,11 @@ pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
-maquette::nodes_of_this_build!();
-
 /// Nodes on range images.
 pub static PACK: Pack = Pack {
     name: "range",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ReadCapture>(),
         node::<ReadRange>(),
@@ -45,9 +45,5 @@ pub static PACK: Pack = Pack {
         node::<AverageNormal>(),
         node::<Triangulate>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes that take an object out of its scans: from its table, its wall and what flies around.
 
-use maquette::{Pack, Recipe};
+use maquette::{Pack, Recipe, node};
 
 mod crop;
 mod dominant_plane;
@@ -21,20 +21,17 @@ pub use plane::Plane;
 pub use scan::Scan;
 pub use within::Within;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that take an object out of its scans.
 pub static PACK: Pack = Pack {
     name: "scan",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[node::<KeepCells>(), node::<Crop>(), node::<Pieces>(), node::<DominantPlane>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
     recipes: &[
         Recipe { name: "capture", text: include_str!("recipes/capture.ron") },
         Recipe { name: "range", text: include_str!("recipes/range.ron") },
         Recipe { name: "mesh", text: include_str!("recipes/mesh.ron") },
         Recipe { name: "points", text: include_str!("recipes/points.ron") },
     ],
+    ..Pack::EMPTY
 };

@@ -1,6 +1,6 @@
 //! Nodes that make solids: what a printer can make.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod base;
 mod boolean;
@@ -27,15 +27,11 @@ pub use shell::{Shell, ShellError, Side, shell};
 pub use solid::{Base, Holes, Solid, SolidError, SolidMesh, solid};
 pub use thicken::ThickenError;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes that make solids: what a printer can make.
 pub static PACK: Pack = Pack {
     name: "solid",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[node::<Solid>(), node::<Shell>(), node::<Hollow>(), node::<Boolean>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

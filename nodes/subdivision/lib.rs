@@ -1,6 +1,6 @@
 //! Nodes on subdivision surfaces and curves: refinement, and what passes through or near given points.
 
-use maquette::Pack;
+use maquette::{Pack, node};
 
 mod boundary;
 mod corners;
@@ -62,11 +62,11 @@ pub use subdivide_error::SubdivideError;
 pub use surface::limit_point::LimitPoint;
 pub use surface::limit_surface::LimitSurface;
 
-maquette::nodes_of_this_build!();
-
 /// Nodes on subdivision surfaces and curves.
 pub static PACK: Pack = Pack {
     name: "subdivision",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette::this_build!(),
     nodes: &[
         node::<ReadCreases>(),
         node::<Crease>(),
@@ -79,9 +79,5 @@ pub static PACK: Pack = Pack {
         node::<Simplify>(),
         node::<FitSubdivision>(),
     ],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };

@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use maquette_node::CancelToken;
+
 use super::record::Record;
 use super::run::{Batch, Standing};
 use crate::eval::Observer;
-use crate::node::CancelToken;
 use crate::session::Session;
 use crate::stamp::FINE_GRAIN;
 

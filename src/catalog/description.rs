@@ -1,9 +1,8 @@
 //! What people and programs are told of a type of nodes: its ports, outputs and parameters, in words.
 
+use maquette_node::Carry;
 use maquette_syntax::{inside, resolve, ron, variants};
 use serde_json::{Value as Json, json};
-
-use crate::node::Carry;
 
 /// The documentation of a type of nodes: a built-in one, or a graph that others use.
 pub(crate) struct Description<'a> {

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args;
+use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
 use maquette_syntax::first_word;
 use maquette_value::plain;
@@ -23,7 +24,6 @@ use crate::batch::{
 };
 use crate::catalog::Catalog;
 use crate::eval::Observer;
-use crate::node::CancelToken;
 use crate::session::Session;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.

@@ -20,13 +20,13 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use maquette_node::CancelToken;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_syntax::telling::escaped;
 use serde_json::{Value as Json, json};
 
 use super::{print_as_it_is, put_problems};
 use crate::eval::{NodeTrace, Observer, RunTrace, State};
-use crate::node::CancelToken;
 use crate::session::Written;
 
 /// The progress of one node is not told more often than this.

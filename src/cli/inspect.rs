@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_node::CancelToken;
+use maquette_node::pack::NewFile;
 use maquette_syntax::error::{Error, Problem, code};
 use maquette_syntax::with_article;
 use maquette_value::plain::ending;
@@ -20,8 +22,6 @@ use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_j
 use crate::catalog::Catalog;
 use crate::format::png;
 use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
-use crate::node::CancelToken;
-use crate::pack::NewFile;
 use crate::probe::{self, shown};
 use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};

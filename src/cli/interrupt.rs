@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use crate::node::CancelToken;
+use maquette_node::CancelToken;
 
 /// Cancels when the user, or the system, asks the program to end. Asked again, the program ends at once: a plugin's node may not
 /// listen.

@@ -4,13 +4,13 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_node::pack::Recipe;
 use maquette_syntax::paths::folder_of_new;
 use maquette_syntax::{parse, shell, unknown};
 
 use super::{Exit, eprint, print, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
-use crate::pack::Recipe;
 use crate::writing::{make_folder, remove_empty, write_new};
 
 mod scans;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_node::CancelToken;
 use maquette_value::Image;
 use maquette_value::plain::ending;
 
@@ -15,7 +16,6 @@ use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
-use crate::node::CancelToken;
 use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};

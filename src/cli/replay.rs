@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_node::provenance::{Found, Provenance, Signature, find};
 use maquette_syntax::paths::{folder_of_new, project_root};
 use maquette_syntax::unknown;
 use maquette_value::Hash;
@@ -16,7 +17,6 @@ use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, GraphOutput, Options};
-use crate::provenance::{Found, Provenance, Signature, find};
 use crate::session::{OutputFolder, Run, Wanted, sign};
 
 /// Whether files tell where they came from.

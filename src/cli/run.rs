@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use maquette_node::CancelToken;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
@@ -22,7 +23,6 @@ use super::{
 use crate::catalog::Catalog;
 use crate::eval::{Exchange, Forecast, Observer, RunTrace, State};
 use crate::graph::Graph;
-use crate::node::CancelToken;
 use crate::session::{Produced, Written};
 use crate::writing::Sources;
 

@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use clap::Args;
+use maquette_node::CancelToken;
 use maquette_value::ValueType;
 use maquette_value::plain;
 use serde_json::{Value as Json, json};
@@ -27,7 +28,6 @@ use super::{Exit, put_problems, stdout_is_closed};
 use crate::catalog::{Catalog, Entry};
 use crate::draw::Places;
 use crate::graph::{Edited, Graph, GraphInput, Options, PINS_ENDING};
-use crate::node::CancelToken;
 use crate::writing::Shelf;
 
 mod columns;

@@ -3,11 +3,11 @@
 //! All marks of an element follow from one number, so that an element whose marks do not fit together is found: one that got its
 //! color from here and its vector from there.
 
+use maquette_node::{Carry, DOMAINS, Fate, Progress};
 use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
 use super::extremes::Case;
 use super::{inputs, made};
-use crate::node::{Carry, DOMAINS, Fate, Progress};
 
 /// The mark that all others of an element follow from.
 const MARK: &str = "mark-of-the-law";

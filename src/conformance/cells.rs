@@ -1,10 +1,10 @@
 //! Law 11 for range images: what becomes of the attributes of their cells. Each cell's color tells its number, from which its flags follow.
 
+use maquette_node::{Fate, Progress};
 use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
 
 use super::extremes::Case;
 use super::{inputs, made};
-use crate::node::{Fate, Progress};
 
 /// Checks what the node of an example declares of cells. Ports that take several types get range images for it.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {

@@ -3,6 +3,7 @@
 use std::sync::mpsc;
 use std::time::Duration;
 
+use maquette_node::{CancelToken, Progress};
 use maquette_syntax::{inside, resolve, variants};
 use maquette_value::AnyValue;
 use maquette_value::random::Random;
@@ -11,7 +12,6 @@ use serde_json::Value as Json;
 use super::{Hostile, Values, call, inputs};
 use crate::catalog::Entry;
 use crate::graph::Graph;
-use crate::node::{CancelToken, Progress};
 
 /// What is checked: a node of its example, and the values of the example.
 pub(super) struct Case<'a> {

@@ -2,8 +2,9 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use maquette_node::reading::{AnyReader, Reading};
+
 use crate::catalog::Catalog;
-use crate::reading::{AnyReader, Reading};
 
 /// At so many places a file is cut, and at so many a byte of it is another one.
 const PLACES: usize = 24;
@@ -54,12 +55,12 @@ fn damaged(file: &[u8]) -> impl Iterator<Item = Vec<u8>> + '_ {
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::reading::{FileReader, reader};
     use maquette_syntax::error::Error;
     use maquette_value::Mask;
 
     use super::*;
     use crate::format::READERS;
-    use crate::reading::{FileReader, reader};
 
     struct Careless;
 

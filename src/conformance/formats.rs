@@ -2,11 +2,11 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use maquette_node::pack::Format;
 use maquette_value::AnyValue;
 use maquette_value::random::Random;
 
 use super::updates::changed;
-use crate::pack::Format;
 
 /// Pieces of so many bytes are asked for: none of them ends where rows do.
 const PIECES: [usize; 3] = [1, 61, 4099];
@@ -72,12 +72,12 @@ fn mistaken(format: &Format, value: &AnyValue) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::pack::{Content, FileFormat, NewFile, format};
     use maquette_syntax::error::Error;
     use maquette_value::{Hash, Mask, Mesh};
 
     use super::*;
     use crate::format::FORMATS;
-    use crate::pack::{Content, FileFormat, NewFile, format};
 
     #[test]
     fn pieces_of_all_formats_are_those_of_the_whole_file() {
@@ -99,7 +99,7 @@ mod tests {
 
         fn content<'a>(
             _: &'a Mask,
-            _: Option<&crate::Signature>,
+            _: Option<&maquette_node::provenance::Signature>,
         ) -> Result<Option<Content<'a>>, Error> {
             Ok(Some(Content::pieces(100, |place, bytes| bytes.fill(u8::from(place < 90)))))
         }
@@ -127,7 +127,7 @@ mod tests {
 
         fn content<'a>(
             mesh: &'a Mesh,
-            _: Option<&crate::Signature>,
+            _: Option<&maquette_node::provenance::Signature>,
         ) -> Result<Option<Content<'a>>, Error> {
             let bytes = Self::write(mesh, "")?.remove(0).bytes;
             let fill = move |place: usize, piece: &mut [u8]| {

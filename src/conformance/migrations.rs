@@ -1,7 +1,8 @@
 //! The law of old names: what is called otherwise now is told from what is there.
 
+use maquette_node::pack::{Migration, NewValue, Pack};
+
 use crate::catalog::{Catalog, Entry};
-use crate::pack::{Migration, NewValue, Pack};
 
 pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
     for migration in pack.migrations {

@@ -1,11 +1,11 @@
 //! Law 10: what nodes promise of their outputs holds.
 
+use maquette_node::{Progress, Source};
 use maquette_value::AnyValue;
 
 use super::extremes::Case;
 use super::{inputs, made};
 use crate::catalog::{Catalog, Entry};
-use crate::node::{Progress, Source};
 
 /// Ports, outputs and properties that are named are there.
 pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {

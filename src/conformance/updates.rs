@@ -1,14 +1,14 @@
-//! Law 13: what a node makes of what it gave before ([`Node::update`](crate::Node::update)) is what it makes of its inputs alone.
+//! Law 13: what a node makes of what it gave before ([`Node::update`](maquette_node::Node::update)) is what it makes of its inputs alone.
 
 use std::iter;
 
+use maquette_node::{Previous, Progress};
 use maquette_value::random::Random;
 use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
 
 use super::extremes::Case;
 use super::{inputs, within};
 use crate::graph::{Graph, GraphNode};
-use crate::node::{Previous, Progress};
 
 /// So many changes are made to each value.
 const CHANGES: usize = 12;

@@ -6,10 +6,10 @@ use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use maquette_node::Memos;
 use maquette_value::{AnyValue, Fact, FactValue, Hash};
 
 use super::lock;
-use crate::node::Memos;
 
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
+use maquette_node::CancelToken;
 use maquette_value::Hash;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
@@ -18,7 +19,6 @@ use super::key::Parts;
 use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
-use crate::node::CancelToken;
 
 mod pack;
 mod plain;

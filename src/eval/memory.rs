@@ -7,11 +7,11 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, OnceLock};
 
+use maquette_node::limit::{Estimate, NoRoom};
 use maquette_value::memory::left;
 
 use super::cache::Cache;
 use super::lock;
-use crate::limit::{Estimate, NoRoom};
 
 /// Which share of what the machine has left an evaluation may take if nobody says how much: above it the system looks for a
 /// process to kill.

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
+use maquette_node::CancelToken;
 use maquette_syntax::error::Error;
 use maquette_value::{AnyValue, Hash};
 
@@ -19,7 +20,6 @@ use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::files::Reads;
 use crate::graph::{ELEMENTS, Graph, GraphNode};
-use crate::node::CancelToken;
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {

@@ -117,7 +117,7 @@ pub struct NodeTrace {
     pub thread: usize,
     /// How much memory its results need.
     pub bytes: usize,
-    /// How many bytes it said that it needs at most, if it ran and can say that: see [`Node::estimate`](crate::Node::estimate).
+    /// How many bytes it said that it needs at most, if it ran and can say that: see [`Node::estimate`](maquette_node::Node::estimate).
     pub estimate: Option<f64>,
     /// Its warnings about the results.
     pub warnings: Vec<String>,

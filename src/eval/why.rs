@@ -3,6 +3,8 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
+use maquette_node::CancelToken;
+
 use super::disk::WORTH_A_FILE;
 use super::key::Change;
 use super::plan::{Plan, Task};
@@ -11,7 +13,6 @@ use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Evaluator, State};
 use crate::graph::{Graph, PINNED};
-use crate::node::CancelToken;
 
 /// What would become of a node.
 #[derive(Clone, Debug, PartialEq)]

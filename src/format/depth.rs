@@ -1,6 +1,7 @@
 //! Depth maps: z per pixel, as 16-bit PNG, or as TIFF or OpenEXR of floats, which a pinhole makes points of. Written as PNG with its camera
 //! file.
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{Pinhole, RangeImage};
 use serde_json::json;
@@ -11,7 +12,6 @@ use super::picture_file::Kind;
 use super::range_file::{Axes, RangeFile, Rows};
 use super::tiff::Depths;
 use super::{excerpt, exr, json, png, tiff};
-use crate::pack::{FileFormat, NewFile};
 
 /// Memory that a pixel of a depth map takes: its sample, its depth and its point.
 pub(super) const BYTES_PER_PIXEL: usize = 36;

@@ -6,13 +6,13 @@ use e57::{
     CartesianCoordinate, E57Reader, Point, PointCloud, RecordDataType, SphericalCoordinate,
     Transform,
 };
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Points, PointsError, Rgb};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use thiserror::Error;
 
 use super::{finite, most_memory};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not points in an E57 file.
 #[derive(Clone, Debug, PartialEq, Error)]

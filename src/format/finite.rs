@@ -1,9 +1,8 @@
 //! What is at no finite place: sensors and programs write NaN for what they could not tell.
 
+use maquette_node::reading::Reading;
 use maquette_value::{Mesh, Points, first_not_finite};
 use nalgebra::Point3;
-
-use crate::reading::Reading;
 
 /// Which places of a file are finite.
 pub(super) struct Finite(Option<Vec<bool>>);

@@ -6,6 +6,9 @@
 use std::iter;
 
 use bytemuck::NoUninit;
+use maquette_node::pack::{Content, FileFormat, NewFile};
+use maquette_node::provenance::{Signature, extras_of_glb, padded};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Mesh, Rgb, linear_from_srgb};
@@ -17,9 +20,6 @@ use super::corners::{Split, split};
 use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
-use crate::pack::{Content, FileFormat, NewFile};
-use crate::provenance::{Signature, extras_of_glb, padded};
-use crate::reading::{FileReader, Reading};
 
 mod accessor;
 mod gltf;

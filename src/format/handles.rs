@@ -1,5 +1,7 @@
 //! Handles as small texts: RON, JSON and CSV, to be written by hand or by a script.
 
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::{Error, Place};
 use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
 use serde::Deserialize;
@@ -9,8 +11,6 @@ use thiserror::Error;
 
 use super::json::print;
 use super::{At, excerpt};
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are no handles.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -245,7 +245,7 @@ mod tests {
         let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
         assert_eq!(read_json(&json, HandleSpace::Box).unwrap(), expected());
         let words = "{\"maquette\":\"0.1.0\"}".to_owned();
-        let signature = crate::Signature { words, hash: String::new() };
+        let signature = maquette_node::provenance::Signature { words, hash: String::new() };
         let signed = HandlesJson::write_signed(&expected(), "a.json", &signature).unwrap();
         assert_ne!(signed[0].bytes, json);
         assert_eq!(read_json(&signed[0].bytes, HandleSpace::Box).unwrap(), expected());

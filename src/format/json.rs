@@ -1,10 +1,9 @@
 //! JSON, for values that are a few numbers: to read by eye and by scripts.
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::{ControlNet, Direction, KnotVector, Labels, Trace};
 use serde_json::{Value, json};
-
-use crate::pack::{FileFormat, NewFile};
 
 /// Writes a direction.
 pub(super) struct DirectionJson;

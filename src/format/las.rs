@@ -2,13 +2,13 @@
 
 use las::point::Format;
 use las::{PointData, PointDataBuilder, Transform, Vector, raw};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Points, PointsError};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::excerpt;
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not points in a LAS file.
 #[derive(Clone, Debug, PartialEq, Error)]

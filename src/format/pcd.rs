@@ -4,6 +4,8 @@
 //! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
 
 use header::{Encoding, Field, Header, Scalar};
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Points, RangeImage, Rgb};
@@ -13,8 +15,6 @@ use thiserror::Error;
 use super::finite::{self, Finite};
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 mod header;
 mod lzf;

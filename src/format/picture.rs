@@ -1,10 +1,10 @@
 //! Writes meshes and surfaces as pictures: rendered from the front, PNG.
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::{Mesh, Surface};
 
 use crate::format::png;
-use crate::pack::{FileFormat, NewFile};
 use crate::render::{View, render};
 
 /// A rendered mesh.

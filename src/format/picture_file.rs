@@ -7,12 +7,12 @@ use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::hdr::HdrDecoder;
 use ::image::codecs::openexr::OpenExrDecoder;
 use ::image::codecs::webp::WebPDecoder;
+use maquette_node::reading::{FileReader, Reading};
 use maquette_value::{Image, Mask, Rgb};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
 use super::{camera, excerpt, jpeg, png, tiff};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

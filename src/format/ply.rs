@@ -410,9 +410,10 @@ fn no_faces() -> Faces {
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::reading::Reading;
+
     use super::*;
     use crate::format::hostile;
-    use crate::reading::Reading;
 
     const GRIDS: [&[u8]; 4] = [
         include_bytes!("../../tests/data/formats/range_grid_ascii.ply"),

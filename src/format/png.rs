@@ -7,13 +7,13 @@ use std::io::Cursor;
 
 use ::image::codecs::png::PngDecoder;
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{Field, Image, Labels, Mask};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
 use super::{depth, most_memory};
-use crate::pack::{FileFormat, NewFile};
 
 /// The samples of a depth map take at most this many bytes: a small file can unpack to a thousand times its size.
 const MOST_BYTES: usize = 512 << 20;

@@ -5,6 +5,7 @@
 //! a hole. The coordinates are the scanner's; here they are taken as x right, y down, z away from it, like all others whose file
 //! does not say how they lie. One grid is read: a file of several scans is refused.
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3};
@@ -12,7 +13,6 @@ use thiserror::Error;
 
 use super::range_file::{RangeFile, Rows};
 use super::{camera, check_single, excerpt, parse, words};
-use crate::pack::{FileFormat, NewFile};
 
 /// Why bytes are not a range grid in a PTX file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -1,5 +1,6 @@
 //! Range grids, whatever file they are in, brought to one form: x right, y down, z away from the sensor, mm, row 0 on top.
 
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{RangeImage, SizeError};
 use nalgebra::{Matrix4, Point3};
@@ -7,7 +8,6 @@ use thiserror::Error;
 
 use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
-use crate::reading::{FileReader, Reading};
 
 /// How the coordinates of a range file lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

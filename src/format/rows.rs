@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use blake3::Hasher;
 use bytemuck::{NoUninit, bytes_of};
+use maquette_node::pack::Content;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Hash};
-
-use crate::pack::Content;
 
 /// Rows that one task fills: few enough to stay in a core's cache from column to column.
 const BLOCK: usize = 4096;

@@ -6,13 +6,13 @@
 
 use std::fmt::Write;
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{KnotVector, Surface};
 use nalgebra::{Point3, Vector4};
 use thiserror::Error;
 
 use super::upright::upright_surface;
-use crate::pack::{FileFormat, NewFile};
 
 /// Why a surface cannot be written as STEP.
 #[derive(Clone, Debug, PartialEq, Error)]

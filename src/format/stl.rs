@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
@@ -11,8 +13,6 @@ use super::corners::FaceList;
 use super::rows::floats;
 use super::upright::upright;
 use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, parse, words};
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -1,11 +1,11 @@
 //! Writes surfaces as meshes fine enough that chords stay within a thousandth of the surface's size.
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::Surface;
 
 use super::glb::MeshGlb;
 use super::ply::MeshPly;
-use crate::pack::{FileFormat, NewFile};
 
 /// A surface as a mesh, PLY.
 pub(super) struct SurfacePly;

@@ -7,6 +7,7 @@
 use std::collections::HashMap;
 use std::fmt::Write;
 
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
@@ -14,7 +15,6 @@ use thiserror::Error;
 
 use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
-use crate::pack::{FileFormat, NewFile};
 
 /// Why a mesh cannot be written as 3MF.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -9,13 +9,13 @@ use ::tiff::ColorType;
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::encoder::{TiffEncoder, colortype};
 use ::tiff::tags::{CompressionMethod, Tag};
+use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
 use maquette_value::{Field, Image, Mask};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
 use super::{depth, most_memory};
-use crate::pack::{FileFormat, NewFile};
 
 /// Why bytes are not a picture or a depth map in a TIFF file, or a value cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

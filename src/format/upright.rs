@@ -67,6 +67,7 @@ pub(super) fn upright_surface(surface: &Surface) -> Result<Cow<'_, Surface>, Con
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::pack::FileFormat;
     use maquette_value::{CaptureFrame, Faces};
 
     use super::*;
@@ -75,7 +76,6 @@ mod tests {
     use crate::format::ply::MeshPly;
     use crate::format::stl::MeshStl;
     use crate::format::{glb, obj, ply, stl};
-    use crate::pack::FileFormat;
 
     /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
     fn captured() -> Mesh {
@@ -95,7 +95,7 @@ mod tests {
         let expected =
             [[0.0, 0.0, -500.0], [0.0, -10.0, -500.0], [20.0, 0.0, -520.0]].map(Point3::from);
         let write = |write: fn(&Mesh, &str) -> _| -> Vec<u8> {
-            let files: Result<Vec<crate::pack::NewFile>, maquette_syntax::error::Error> =
+            let files: Result<Vec<maquette_node::pack::NewFile>, maquette_syntax::error::Error> =
                 write(&captured(), "it.x");
             files.unwrap().swap_remove(0).bytes
         };

@@ -1,5 +1,7 @@
 //! XYZ, points as text: a line each, `x y z`, and a color or a normal behind.
 
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::Point3;
@@ -7,8 +9,6 @@ use thiserror::Error;
 
 use super::finite::{self, Finite};
 use super::{check_single, coarse, excerpt, parse, words};
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not points in an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -8,6 +8,7 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use maquette_node::pack::NewFile;
 use maquette_value::parallel::*;
 use maquette_value::{
     AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
@@ -18,7 +19,6 @@ use nalgebra::Point3;
 use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::format::png;
-use crate::pack::NewFile;
 use crate::render::{View, render};
 
 mod judge;

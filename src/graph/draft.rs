@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use maquette_node::Output;
 use maquette_syntax::error::code;
 use maquette_syntax::{Finding, FoundLink, Kind, Name, Tree, nearest};
 use maquette_value::ValueType;
@@ -16,7 +17,6 @@ use super::node::{Built, Survey, is_own};
 use super::parameters::{Parameters, is_parametric};
 use super::repeat::{Elements, Pick, Repeat};
 use crate::catalog::{Entry, PortDescription, ports};
-use crate::node::Output;
 
 /// A node while it is checked.
 pub(super) struct Draft {

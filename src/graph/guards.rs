@@ -3,11 +3,11 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use maquette_node::Source as Origin;
 use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
 
 use super::expected::Expected;
 use super::{ELEMENTS, Graph, GraphNode, Link};
-use crate::node::Source as Origin;
 
 /// A test of a value that comes to a node.
 #[derive(Clone, Debug, PartialEq)]

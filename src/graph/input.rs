@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::error::{Error, Problem, Severity, Span, code};
 use maquette_syntax::{Tree, nearest_or_all, with_article};
 use maquette_value::{AnyValue, ValueType};
@@ -16,7 +17,6 @@ use super::node::Built;
 use super::recipe::Recipe;
 use super::{Graph, GraphOutput, Options, Shape};
 use crate::catalog::Catalog;
-use crate::node::{AnyNode, Context, FilePath};
 
 /// Values for the inputs of a graph, by their names.
 pub type InputValues = BTreeMap<String, AnyValue>;

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use maquette_node::Output;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{FoundLink, Help, any_of, nearest_or_all, with_article};
 use maquette_value::ValueType;
@@ -11,7 +12,6 @@ use super::draft::{Draft, What};
 use super::each::Each;
 use super::needs::Needs;
 use super::top::name_of;
-use crate::node::Output;
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.
 const MOST_LINKS: usize = 64;

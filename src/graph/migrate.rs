@@ -6,6 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_node::pack::{Migration, NewValue};
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::quoted;
 use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
@@ -15,7 +16,6 @@ use super::patch::patched_tree;
 use super::quality::{each_side, is_draft};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::pack::{Migration, NewValue};
 
 mod puts;
 #[cfg(feature = "cli")]
@@ -100,7 +100,7 @@ impl<'c> Migrations<'c> {
             let is_given = |name: &str| fields.iter().any(|field| field.name.text == name);
             let at = fields.iter().position(|field| field.name.text == *old)?;
             let is_old = match old == new {
-                true => value.is_old(&fields[at].value),
+                true => is_old(*value, &fields[at].value),
                 false => !is_given(new),
             };
             (is_old && self.present(node) == present).then_some((at, migration))
@@ -109,71 +109,68 @@ impl<'c> Migrations<'c> {
     }
 }
 
-impl NewValue {
-    /// Whether a value is one of those that are said otherwise now.
-    fn is_old(self, tree: &Tree) -> bool {
-        if is_draft(tree) {
-            let sides = tree.fields().unwrap_or_default();
-            return sides.iter().any(|side| self.is_old(&side.value));
-        }
-        let word = tree.name().map(|name| name.text);
-        match self {
-            Self::Words(words) => words.iter().any(|(old, _)| word.as_deref() == Some(old)),
-            Self::Same | Self::Times(_) => false,
-        }
+/// Whether a value is one of those that are said otherwise now.
+fn is_old(value: NewValue, tree: &Tree) -> bool {
+    if is_draft(tree) {
+        let sides = tree.fields().unwrap_or_default();
+        return sides.iter().any(|side| is_old(value, &side.value));
     }
+    let word = tree.name().map(|name| name.text);
+    match value {
+        NewValue::Words(words) => words.iter().any(|(old, _)| word.as_deref() == Some(old)),
+        NewValue::Same | NewValue::Times(_) => false,
+    }
+}
 
-    /// The value as it is said now, with the places that it had.
-    fn of(self, tree: &Tree) -> Tree {
-        if is_draft(tree) {
-            return each_side(tree, |side| self.of(side));
+/// The value as it is said now, with the places that it had.
+fn renewed_value(new: NewValue, tree: &Tree) -> Tree {
+    if is_draft(tree) {
+        return each_side(tree, |side| renewed_value(new, side));
+    }
+    let kind = match (new, &tree.kind) {
+        (NewValue::Times(factor), Kind::Number { value, .. }) => {
+            let value = value * factor;
+            Kind::Number { value, whole: value.fract() == 0.0 }
         }
-        let kind = match (self, &tree.kind) {
-            (Self::Times(factor), Kind::Number { value, .. }) => {
-                let value = value * factor;
-                Kind::Number { value, whole: value.fract() == 0.0 }
-            }
-            (Self::Times(_), Kind::List(items)) => {
-                Kind::List(items.iter().map(|item| self.of(item)).collect())
-            }
-            (Self::Times(_), Kind::Call { name: None, body: Body::Items(items) }) => {
-                let items = items.iter().map(|item| self.of(item)).collect();
-                Kind::Call { name: None, body: Body::Items(items) }
-            }
-            (Self::Times(factor), Kind::Call { .. }) => {
-                let argument = |call| tree.call_of(call).and_then(|inner| inner.text());
-                let expression = match (argument("Param"), argument("Expr")) {
-                    (Some(name), _) => format!("{name} * {factor}"),
-                    (_, Some(text)) => format!("({text}) * {factor}"),
-                    _ => return tree.clone(),
-                };
-                let inner = tree.call_of("Param").or_else(|| tree.call_of("Expr"));
-                let argument =
-                    Tree::new(inner.map_or(tree.span, |it| it.span), Kind::Text(expression));
-                let name = Some(Name { text: "Expr".into(), span: tree.span });
-                Kind::Call { name, body: Body::Items(vec![argument]) }
-            }
-            (Self::Words(words), Kind::Word(word)) => match words.iter().find(|it| it.0 == word) {
-                Some((_, new)) => Kind::Word((*new).to_owned()),
-                None => return tree.clone(),
-            },
-            (Self::Words(words), Kind::Call { name: Some(name), body }) => {
-                let new = words.iter().find(|it| it.0 == name.text);
-                let text = new.map_or_else(|| name.text.clone(), |(_, new)| (*new).to_owned());
-                Kind::Call { name: Some(Name { text, span: name.span }), body: body.clone() }
-            }
-            _ => return tree.clone(),
-        };
-        Tree { kind, ..tree.clone() }
-    }
+        (NewValue::Times(_), Kind::List(items)) => {
+            Kind::List(items.iter().map(|item| renewed_value(new, item)).collect())
+        }
+        (NewValue::Times(_), Kind::Call { name: None, body: Body::Items(items) }) => {
+            let items = items.iter().map(|item| renewed_value(new, item)).collect();
+            Kind::Call { name: None, body: Body::Items(items) }
+        }
+        (NewValue::Times(factor), Kind::Call { .. }) => {
+            let argument = |call| tree.call_of(call).and_then(|inner| inner.text());
+            let expression = match (argument("Param"), argument("Expr")) {
+                (Some(name), _) => format!("{name} * {factor}"),
+                (_, Some(text)) => format!("({text}) * {factor}"),
+                _ => return tree.clone(),
+            };
+            let inner = tree.call_of("Param").or_else(|| tree.call_of("Expr"));
+            let argument = Tree::new(inner.map_or(tree.span, |it| it.span), Kind::Text(expression));
+            let name = Some(Name { text: "Expr".into(), span: tree.span });
+            Kind::Call { name, body: Body::Items(vec![argument]) }
+        }
+        (NewValue::Words(words), Kind::Word(word)) => match words.iter().find(|it| it.0 == word) {
+            Some((_, new)) => Kind::Word((*new).to_owned()),
+            None => return tree.clone(),
+        },
+        (NewValue::Words(words), Kind::Call { name: Some(name), body }) => {
+            let new = words.iter().find(|it| it.0 == name.text);
+            let text = new.map_or_else(|| name.text.clone(), |(_, new)| (*new).to_owned());
+            Kind::Call { name: Some(Name { text, span: name.span }), body: body.clone() }
+        }
+        _ => return tree.clone(),
+    };
+    Tree { kind, ..tree.clone() }
+}
 
-    /// The same in the text: only what is said otherwise is written anew.
-    fn splices(self, tree: &Tree, text: &str) -> Vec<Splice> {
-        let new = self.of(tree);
-        let mut splices = Vec::new();
-        written(tree, &new, text, &mut splices);
-        splices
-    }
+/// The same in the text: only what is said otherwise is written anew.
+fn value_splices(value: NewValue, tree: &Tree, text: &str) -> Vec<Splice> {
+    let new = renewed_value(value, tree);
+    let mut splices = Vec::new();
+    written(tree, &new, text, &mut splices);
+    splices
 }
 
 /// The edits that make a text say another value of the same form.
@@ -306,7 +303,7 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
 
 /// Puts a field's value, as it is said now, to the place that it has now: `name`, or `group.name`.
 fn renew_field(fields: &mut Vec<Field>, at: usize, new: &str, value: NewValue) {
-    let renewed = value.of(&fields[at].value);
+    let renewed = renewed_value(value, &fields[at].value);
     let Some((group, inner)) = new.split_once('.') else {
         new.clone_into(&mut fields[at].name.text);
         fields[at].value = renewed;
@@ -404,7 +401,7 @@ fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
 fn field_splices(text: &str, call: &Tree, at: usize, new: &str, value: NewValue) -> Vec<Splice> {
     let fields = call.fields().unwrap_or_default();
     let field = &fields[at];
-    let mut splices = value.splices(&field.value, text);
+    let mut splices = value_splices(value, &field.value, text);
     let Some((group, inner)) = new.split_once('.') else {
         splices.push((field.name.span, new.to_owned()));
         return splices;

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_node::AnyNode;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::paths::{PathProblem, may_read};
 use maquette_syntax::{
@@ -23,7 +24,6 @@ use super::recipe::Recipe;
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
 use crate::files::NodeFile;
-use crate::node::AnyNode;
 
 /// A node's fields, looked at: the values that they have, and the links and files among them.
 pub(super) struct Survey {

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::error::{Error, Problem, Severity, Source, Span, code};
 use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
@@ -19,7 +20,6 @@ use super::definition::World;
 use super::recipe::Recipe;
 use super::{Files, GraphNode, Options};
 use crate::files::NodeFile;
-use crate::node::{AnyNode, Context, FilePath};
 
 mod ancestry;
 mod bytes;

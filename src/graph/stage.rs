@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::Tree;
 use maquette_syntax::error::{Error, Problem};
 use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
@@ -21,7 +22,6 @@ use super::recipe::Recipe;
 use super::repeat::Elements;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::node::{AnyNode, Context, FilePath};
 
 /// How many elements each `ForEach` over data has, by its name, as far as that is known.
 pub(crate) type Counts = BTreeMap<String, Count>;

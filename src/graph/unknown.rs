@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::Tree;
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::AnyValue;
@@ -11,7 +12,6 @@ use super::Checked;
 use super::check::Check;
 use super::node::Built;
 use super::recipe::Recipe;
-use crate::node::{AnyNode, Context, FilePath};
 
 /// What stands for a node of an unknown type, with what the check tells of it.
 struct Unknown(Option<Problem>);

@@ -16,18 +16,24 @@ pub enum Fate {
 /// What becomes of the attributes of a mesh, of points or of a range image, from a port to an output, for each domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Carry {
-    pub(crate) port: &'static str,
-    pub(crate) output: &'static str,
+    #[doc(hidden)]
+    pub port: &'static str,
+    #[doc(hidden)]
+    pub output: &'static str,
     /// Of meshes and points, by domain, in the order of [`DOMAINS`]; none if the port takes no such values.
-    pub(crate) fates: Option<[Fate; 4]>,
+    #[doc(hidden)]
+    pub fates: Option<[Fate; 4]>,
     /// Of the cells of range images; none if the port takes none.
-    pub(crate) cells: Option<Fate>,
+    #[doc(hidden)]
+    pub cells: Option<Fate>,
     /// Attributes that the node makes itself.
-    pub(crate) own: &'static [&'static str],
+    #[doc(hidden)]
+    pub own: &'static [&'static str],
 }
 
 /// The domains: of points, all is at `vertex`; an edge's attribute is its crease.
-pub(crate) const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
+#[doc(hidden)]
+pub const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
 
 impl Carry {
     /// All domains have the same fate.
@@ -58,13 +64,15 @@ impl Carry {
     }
 
     /// What there is to say, with the names of domains.
-    pub(crate) fn by_domain(self) -> impl Iterator<Item = (&'static str, Fate)> {
+    #[doc(hidden)]
+    pub fn by_domain(self) -> impl Iterator<Item = (&'static str, Fate)> {
         let fates = self.fates.into_iter().flat_map(|fates| DOMAINS.into_iter().zip(fates));
         fates.chain(self.cells.map(|fate| ("cell", fate)))
     }
 
     /// As programs are told.
-    pub(crate) fn to_json(self) -> Json {
+    #[doc(hidden)]
+    pub fn to_json(self) -> Json {
         let mut json = json!({ "port": self.port, "output": self.output });
         for (domain, fate) in self.by_domain() {
             json[domain] = json!(fate.word());
@@ -78,7 +86,8 @@ impl Carry {
 
 impl Fate {
     /// The word for people.
-    pub(crate) fn word(self) -> &'static str {
+    #[doc(hidden)]
+    pub fn word(self) -> &'static str {
         match self {
             Self::Kept => "kept",
             Self::Interpolated => "interpolated",

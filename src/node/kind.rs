@@ -13,50 +13,18 @@ use crate::limit::Estimate;
 /// What the engine knows of a node. Made by [`node`].
 #[derive(Clone, Copy)]
 pub struct NodeType {
-    pub(crate) name: fn() -> Cow<'static, str>,
-    pub(crate) schema: fn() -> Schema,
-    pub(crate) outputs: fn() -> Vec<Output>,
-    pub(crate) terms: fn() -> Vec<Term>,
-    pub(crate) carries: fn() -> &'static [Carry],
-    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, maquette_syntax::ReadError>,
-    /// The id of the build that its code is of; empty if that is not known.
-    pub(crate) build: fn() -> &'static str,
-    /// The version of its pack; empty if that is not known.
-    pub(crate) version: &'static str,
-}
-
-impl NodeType {
-    /// The same node, with the id of the build that its code is of, which the engine's `build.rs` makes; empty if it is not known.
-    /// Programs whose packs are of the same builds share the results that are kept on disk. A node without an id is known by the
-    /// file that its code was loaded from.
-    #[must_use]
-    pub const fn of_build(self, id: fn() -> &'static str) -> Self {
-        Self { build: id, ..self }
-    }
-
-    /// The same node, with the version of its pack, which files tell that were made by it.
-    #[must_use]
-    pub const fn of_version(self, version: &'static str) -> Self {
-        Self { version, ..self }
-    }
-}
-
-/// Declares `node` for a crate that is built with the engine's `build.rs`: as [`node`](crate::node()), [of the crate's
-/// build](NodeType::of_build).
-#[macro_export]
-macro_rules! nodes_of_this_build {
-    () => {
-        // Apart from the list of nodes, which need not be compiled again for each new id.
-        mod build_id {
-            pub(super) fn build_id() -> &'static str {
-                env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
-            }
-        }
-
-        const fn node<T: $crate::Node>() -> $crate::NodeType {
-            $crate::node::<T>().of_build(build_id::build_id).of_version(env!("CARGO_PKG_VERSION"))
-        }
-    };
+    #[doc(hidden)]
+    pub name: fn() -> Cow<'static, str>,
+    #[doc(hidden)]
+    pub schema: fn() -> Schema,
+    #[doc(hidden)]
+    pub outputs: fn() -> Vec<Output>,
+    #[doc(hidden)]
+    pub terms: fn() -> Vec<Term>,
+    #[doc(hidden)]
+    pub carries: fn() -> &'static [Carry],
+    #[doc(hidden)]
+    pub read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, maquette_syntax::ReadError>,
 }
 
 /// One output of a node.
@@ -88,13 +56,12 @@ pub const fn node<T: Node>() -> NodeType {
         terms: || Term::all(T::WANTS, T::PROMISES),
         carries: || T::CARRIES,
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
-        build: || "",
-        version: "",
     }
 }
 
 /// A node of a graph, of whatever type.
-pub(crate) trait AnyNode: Send + Sync {
+#[doc(hidden)]
+pub trait AnyNode: Send + Sync {
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
         None
     }

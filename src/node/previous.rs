@@ -2,12 +2,15 @@
 
 use maquette_value::{AnyValue, Value};
 
-use super::{Context, In, PortType, at_port};
+use super::node::at_port;
+use super::{Context, In, PortType};
 
 /// What came to a node, and what it gave, when it ran with the same parameters and files.
 pub struct Previous<'a> {
-    pub(crate) inputs: &'a [AnyValue],
-    pub(crate) outputs: &'a [AnyValue],
+    #[doc(hidden)]
+    pub inputs: &'a [AnyValue],
+    #[doc(hidden)]
+    pub outputs: &'a [AnyValue],
 }
 
 impl Previous<'_> {

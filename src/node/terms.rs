@@ -3,22 +3,28 @@
 /// A [property](maquette_value::Property) that a node wants of the values at a port. It is tested before the node runs, once per value,
 /// unless whoever gives the value promises it.
 pub struct Want<N> {
-    pub(crate) port: &'static str,
-    pub(crate) property: &'static str,
+    #[doc(hidden)]
+    pub port: &'static str,
+    #[doc(hidden)]
+    pub property: &'static str,
     pub(crate) when: Option<When<N>>,
 }
 
 /// A [property](maquette_value::Property) of the values at an output, which nobody needs to test.
 pub struct Promise<N> {
-    pub(crate) output: &'static str,
-    pub(crate) property: &'static str,
-    pub(crate) source: Source,
+    #[doc(hidden)]
+    pub output: &'static str,
+    #[doc(hidden)]
+    pub property: &'static str,
+    #[doc(hidden)]
+    pub source: Source,
     pub(crate) when: Option<When<N>>,
 }
 
 /// On what a promise depends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Source {
+#[doc(hidden)]
+pub enum Source {
     /// Nothing.
     Always,
     /// All values at this port have the property, and there are some.
@@ -127,12 +133,16 @@ impl<N> Promise<N> {
 
 /// What a type of nodes wants of a port, or promises of an output, as people and programs are told.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Term {
+#[doc(hidden)]
+pub struct Term {
     /// The port, or the output.
-    pub(crate) at: &'static str,
-    pub(crate) property: &'static str,
+    #[doc(hidden)]
+    pub at: &'static str,
+    #[doc(hidden)]
+    pub property: &'static str,
     /// None for what is wanted.
-    pub(crate) source: Option<Source>,
+    #[doc(hidden)]
+    pub source: Option<Source>,
     pub(crate) when: &'static str,
 }
 
@@ -151,7 +161,8 @@ impl Term {
     }
 
     /// `Closed, if the values at `mesh` are so, with the scheme Loop`.
-    pub(crate) fn in_words(&self) -> String {
+    #[doc(hidden)]
+    pub fn in_words(&self) -> String {
         let source = match self.source {
             None | Some(Source::Always) => String::new(),
             Some(Source::From(port)) => format!(" as `{port}`"),

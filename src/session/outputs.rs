@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
+use maquette_node::CancelToken;
+use maquette_node::pack::{Content, Kept, NewFile, Pieces};
+use maquette_node::provenance::Signature;
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::Hash;
 use maquette_value::parallel::*;
@@ -18,9 +21,6 @@ use super::provenance::Teller;
 use crate::catalog::Catalog;
 use crate::eval::{Evaluation, Evaluator, or_panic};
 use crate::graph::{Graph, GraphOutput};
-use crate::node::CancelToken;
-use crate::pack::{Content, Kept, NewFile, Pieces};
-use crate::provenance::Signature;
 use crate::stamp::Stamp;
 use crate::writing::{Destination, Last, Refused, Rewritten, Sources, Spare, write_at};
 

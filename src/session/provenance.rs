@@ -2,13 +2,13 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use maquette_node::provenance::{Provenance, Signature, short};
 use maquette_syntax::paths::{folder_of_new, project_root, within};
 use maquette_value::Hash;
 use serde_json::Value as Json;
 
 use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
-use crate::provenance::{Provenance, Signature, short};
 
 /// Tells of the outputs of a graph.
 pub(crate) struct Teller<'a> {
@@ -99,7 +99,7 @@ impl<'a> Teller<'a> {
                 _ => {}
             }
             if let Some(entry) = catalog.find(node.kind()) {
-                told.packs.insert(entry.pack.to_owned(), entry.node.version.into());
+                told.packs.insert(entry.pack.to_owned(), entry.version.into());
             }
         }
         let of = [&made[output.node].0[..], &(output.output as u64).to_le_bytes()].concat();

@@ -14,7 +14,7 @@ pub struct Settings {
     /// How many bytes of memory results may hold when no node needs them any more.
     pub memory: usize,
     /// How many bytes results and nodes under way may hold together; none for nine tenths of what the machine has left, where the
-    /// system tells that. A node that says that it needs more fails before it begins: see [`Node::estimate`](crate::Node::estimate).
+    /// system tells that. A node that says that it needs more fails before it begins: see [`Node::estimate`](maquette_node::Node::estimate).
     pub max_memory: Option<u64>,
     /// Where results are kept from one process to the next.
     pub cache: CacheFolder,

@@ -41,7 +41,6 @@ impl<T: Memo> TypeOf<T> {
         elements: Vec::new,
         cut: |_, _, _, _| None,
         hostile: Vec::new,
-        build: || "",
         properties: Vec::new,
         offence: |_, _| None,
     };

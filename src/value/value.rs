@@ -89,11 +89,6 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// The id of the build that its code is of, as `maquette_node::nodes_of_this_build` knows it; empty if it has none.
-    fn build() -> &'static str {
-        ""
-    }
-
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
     /// `maquette::conformance` tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
@@ -214,8 +209,6 @@ pub struct ValueType {
     pub(super) elements: fn() -> Vec<ElementType>,
     pub(super) cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
     pub(super) hostile: fn() -> Vec<AnyValue>,
-    /// The id of the build that its code is of; empty if it has none.
-    pub build: fn() -> &'static str,
     pub(super) properties: fn() -> Vec<(&'static str, &'static str)>,
     pub(super) offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
 }
@@ -297,7 +290,6 @@ impl<T: Value> TypeOf<T> {
         elements: ElementType::all_of::<T>,
         cut: |value, word, most, before| elements::cut(downcast::<T>(value), word, most, before),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
-        build: T::build,
         properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
         offence: |value, name| {
             let property = T::properties().iter().find(|property| property.name == name)?;

@@ -28,14 +28,6 @@ fn a_host_has_the_results_of_the_command_line() {
     let has_lock = |folder: &Path| folder.join("Cargo.lock").is_file();
     let has_ids = Path::new(env!("CARGO_BIN_EXE_maquette")).ancestors().any(has_lock);
     assert_eq!(cached(PACKS), if has_ids { 15 } else { 0 });
-    let other = Pack {
-        name: "other",
-        nodes: &[],
-        values: &[],
-        formats: &[],
-        readers: &[],
-        migrations: &[],
-        recipes: &[],
-    };
+    let other = Pack { name: "other", ..Pack::EMPTY };
     assert_eq!(cached(&[PACKS, &[&other]].concat()), 0);
 }

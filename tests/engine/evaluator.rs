@@ -159,10 +159,7 @@ const PACK: Pack = Pack {
     name: "numbers",
     nodes: &[node::<Give>(), node::<Sum>(), node::<Meet>(), node::<Panic>(), node::<Work>()],
     values: &[value_type::<Number>()],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };
 
 fn load(nodes: &str) -> Graph {

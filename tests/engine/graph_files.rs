@@ -365,11 +365,7 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
     const PACK: maquette::Pack = maquette::Pack {
         name: "clouds",
         nodes: &[maquette::node::<ReadCloud>()],
-        values: &[],
-        formats: &[],
-        readers: &[],
-        migrations: &[],
-        recipes: &[],
+        ..maquette::Pack::EMPTY
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("graph.ron");

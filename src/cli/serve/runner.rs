@@ -6,6 +6,7 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_node::CancelToken;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_value::AnyValue;
@@ -19,7 +20,6 @@ use crate::cli::events::{Events, Listener};
 use crate::cli::put_problems;
 use crate::eval::NodeTrace;
 use crate::graph::{Graph, InputValues, Options};
-use crate::node::CancelToken;
 use crate::session::{self, Finished, Session, Wanted};
 
 /// What the thread is to do.

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
+use maquette_node::CancelToken;
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::Hash;
 
@@ -22,7 +23,6 @@ use crate::catalog::Catalog;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
 use crate::graph::{Checked, Graph, ReadFile};
-use crate::node::CancelToken;
 use crate::page::{Views, Wish};
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
+use maquette_node::CancelToken;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::AnyValue;
@@ -15,7 +16,6 @@ use crate::cli::inputs::InputOptions;
 use crate::cli::look::Source;
 use crate::eval::{Observer, RunTrace};
 use crate::graph::Graph;
-use crate::node::CancelToken;
 use crate::page::{Shown, Viewed, Views};
 use crate::render::picture_of;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
@@ -372,27 +372,23 @@ mod tests {
         panics: bool,
     }
 
-    impl crate::node::Node for Faulty {
+    impl maquette_node::Node for Faulty {
         type Outputs = (maquette_value::Mask,);
         const OUTPUTS: [&'static str; 1] = ["mask"];
 
         fn eval(
             &self,
-            _: &crate::node::Context<'_>,
+            _: &maquette_node::Context<'_>,
         ) -> Result<Self::Outputs, maquette_syntax::error::Error> {
             assert!(!self.panics, "a fault");
             Ok((maquette_value::Mask::new(1, 1, vec![1])?,))
         }
     }
 
-    const FAULTY: crate::pack::Pack = crate::pack::Pack {
+    const FAULTY: maquette_node::pack::Pack = maquette_node::pack::Pack {
         name: "faulty",
-        nodes: &[crate::node::node::<Faulty>()],
-        values: &[],
-        formats: &[],
-        recipes: &[],
-        readers: &[],
-        migrations: &[],
+        nodes: &[maquette_node::node::<Faulty>()],
+        ..maquette_node::pack::Pack::EMPTY
     };
 
     #[test]

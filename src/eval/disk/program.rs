@@ -29,7 +29,7 @@ pub(crate) fn this_is_a_program() {
 /// The id of the engine's build: see `build.rs`.
 const BUILD: &str = env!("MAQUETTE_BUILD");
 
-/// The fingerprint of all code that makes results, the engine's and that of the packs, in their order: of the ids of its builds, so that
+/// The fingerprint of all code that makes results, the engine's and that of the packs, in their order: of the ids of their builds, so that
 /// programs and libraries of the same build share results, and where there is no id, of the files that it was loaded from.
 pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String> {
     fingerprint_with(folder, BUILD, catalog.code())
@@ -37,16 +37,12 @@ pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String
 
 /// The same, for an engine of this build.
 fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::Result<String> {
-    let is_known = !build.is_empty();
-    let engine = Code {
-        pack: "",
-        builds: is_known.then_some(build).into_iter().collect(),
-        others: (!is_known).then(own_code).into_iter().collect(),
-    };
+    let others = build.is_empty().then(own_code).into_iter().collect();
+    let engine = Code { pack: "", build, others };
     let mut hashes = BTreeMap::new();
     let mut told = String::new();
-    for Code { pack, builds, others } in [&engine].into_iter().chain(packs) {
-        let _ = writeln!(told, "{pack:?} is of {builds:?}");
+    for Code { pack, build, others } in [&engine].into_iter().chain(packs) {
+        let _ = writeln!(told, "{pack:?} is of {build:?}");
         // Where no file is needed, none must be found: there are systems that do not tell.
         let files = if others.is_empty() { BTreeSet::new() } else { files_of(others)? };
         for file in files {
@@ -155,23 +151,23 @@ mod tests {
         assert!(files_of(&[8]).is_err());
     }
 
-    fn code(pack: &'static str, builds: &[&'static str], others: &[usize]) -> Code {
-        Code { pack, builds: builds.iter().copied().collect(), others: others.to_vec() }
+    fn code(pack: &'static str, build: &'static str, others: &[usize]) -> Code {
+        Code { pack, build, others: others.to_vec() }
     }
 
     #[test]
     fn code_that_is_known_by_its_build_needs_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
-        let (a, b) = (code("a", &["1"], &[]), code("b", &["2", "3"], &[]));
+        let (a, b) = (code("a", "1", &[]), code("b", "2", &[]));
         let all = [
             fingerprint("0", &[a.clone(), b.clone()]),
             fingerprint("0", &[b.clone(), a.clone()]),
             fingerprint("0", std::slice::from_ref(&a)),
             fingerprint("1", &[a.clone(), b.clone()]),
-            fingerprint("0", &[code("a", &["4"], &[]), b.clone()]),
-            fingerprint("0", &[code("c", &["1"], &[]), b.clone()]),
-            fingerprint("0", &[code("a", &["1", "2"], &[]), code("b", &["3"], &[])]),
+            fingerprint("0", &[code("a", "4", &[]), b.clone()]),
+            fingerprint("0", &[code("c", "1", &[]), b.clone()]),
+            fingerprint("0", &[code("a", "2", &[]), code("b", "1", &[])]),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
@@ -186,17 +182,16 @@ mod tests {
         let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
         let library = libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize;
         let all = [
-            fingerprint("0", &[code("a", &[], &[])]),
-            fingerprint("0", &[code("a", &[], &[own_code()])]),
-            fingerprint("0", &[code("a", &[], &[library])]),
-            fingerprint("0", &[code("a", &[], &[own_code(), library])]),
-            fingerprint("0", &[code("a", &["1"], &[library])]),
-            fingerprint("", &[code("a", &[], &[library])]),
+            fingerprint("0", &[code("a", "", &[])]),
+            fingerprint("0", &[code("a", "", &[own_code()])]),
+            fingerprint("0", &[code("a", "", &[library])]),
+            fingerprint("0", &[code("a", "", &[own_code(), library])]),
+            fingerprint("", &[code("a", "", &[library])]),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
         // Where it cannot be told, nothing is believed.
-        assert!(fingerprint("0", &[code("a", &["1"], &[8])]).is_err());
+        assert!(fingerprint("0", &[code("a", "", &[8])]).is_err());
     }
 
     #[test]

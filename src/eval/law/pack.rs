@@ -1,12 +1,11 @@
 //! Nodes on whole numbers: cheap ones, one that often comes out the same, some that read a file, fail or panic.
 
+use maquette_node::pack::Pack;
+use maquette_node::{Context, FilePath, In, Node, Previous, node};
 use maquette_syntax::error::Error;
 use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use crate::node::{Context, FilePath, In, Node, Previous, node};
-use crate::pack::Pack;
 
 /// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
 #[derive(Clone, Debug)]
@@ -142,8 +141,5 @@ pub(super) const PACK: Pack = Pack {
     name: "amounts",
     nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],
     values: &[value_type::<Amount>()],
-    formats: &[],
-    recipes: &[],
-    readers: &[],
-    migrations: &[],
+    ..Pack::EMPTY
 };

@@ -5,11 +5,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use maquette_node::{Context, File, Progress};
 use maquette_value::{AnyValue, Hash};
 
 use crate::eval::key::Parts;
 use crate::graph::{Graph, GraphNode};
-use crate::node::{Context, File, Progress};
 
 /// What is true of a node.
 pub(super) enum Truth {

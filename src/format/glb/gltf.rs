@@ -1,5 +1,6 @@
 //! Reads glTF whose buffers and pictures are files of their own, or stand in the document as text: as the GLB file that says the same.
 
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::Mesh;
 use maquette_value::base64::bytes_of;
@@ -8,7 +9,6 @@ use serde_json::{Value as Json, json};
 use thiserror::Error;
 
 use super::{GlbReadError, container, read};
-use crate::reading::{FileReader, Reading};
 
 /// Why bytes are not a mesh in a glTF file.
 #[derive(Clone, Debug, PartialEq, Error)]

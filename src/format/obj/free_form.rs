@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Curve, KnotVector, Surface};
 use nalgebra::Point3;
 
 use crate::format::upright::upright_surface;
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 /// Writes a polyline as a line, a B-spline as a free-form curve.
 pub(in crate::format) struct CurveObj;

@@ -4,6 +4,9 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
+use maquette_node::pack::{Content, FileFormat, NewFile};
+use maquette_node::provenance::{Signature, comment_of_obj};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Mesh, Rgb};
@@ -11,9 +14,6 @@ use maquette_value::{Column, Mesh, Rgb};
 use crate::format::corners::split;
 use crate::format::upright::upright;
 use crate::format::{check_mesh, coarse_mesh, png};
-use crate::pack::{Content, FileFormat, NewFile};
-use crate::provenance::{Signature, comment_of_obj};
-use crate::reading::{FileReader, Reading};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(in crate::format) struct MeshObj;

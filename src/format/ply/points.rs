@@ -1,5 +1,7 @@
 //! Writes what has no faces: points, regions, range images, handles and curves.
 
+use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
@@ -8,8 +10,6 @@ use super::write::encode;
 use crate::format::rows::{floats, indices};
 use crate::format::upright::upright_points;
 use crate::format::{check_single, coarse, finite};
-use crate::pack::{FileFormat, NewFile};
-use crate::reading::{FileReader, Reading};
 
 /// Writes the points of a region.
 pub(in crate::format) struct RegionPly;

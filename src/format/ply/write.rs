@@ -4,6 +4,9 @@ use std::ops::Range;
 
 use blake3::Hasher;
 use bytemuck::NoUninit;
+use maquette_node::pack::{Content, FileFormat, NewFile};
+use maquette_node::provenance::{Signature, comment_of_ply};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 use nalgebra::Point3;
@@ -12,9 +15,6 @@ use super::header::{CORNER_UV, Kind, TEXCOORD};
 use crate::format::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::format::upright::{upright_points, upright_sign};
 use crate::format::{TooFar, check_mesh, coarse_mesh, finite};
-use crate::pack::{Content, FileFormat, NewFile};
-use crate::provenance::{Signature, comment_of_ply};
-use crate::reading::{FileReader, Reading};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;

@@ -220,22 +220,15 @@ pub(in crate::graph) fn ready_for(text: String, target: &str, catalog: &Catalog)
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::pack::{Migration, NewValue, Pack};
+
     use super::*;
-    use crate::pack::{Migration, NewValue, Pack};
 
     const MIGRATIONS: &[Migration] = &[
         Migration::Field { node: "A", old: "top", new: "edge.top", value: NewValue::Times(2.0) },
         Migration::Field { node: "A", old: "size", new: "sizes", value: NewValue::Times(2.0) },
     ];
-    const PACK: Pack = Pack {
-        name: "a",
-        nodes: &[],
-        values: &[],
-        formats: &[],
-        recipes: &[],
-        readers: &[],
-        migrations: MIGRATIONS,
-    };
+    const PACK: Pack = Pack { name: "a", migrations: MIGRATIONS, ..Pack::EMPTY };
 
     #[test]
     fn a_field_of_a_patch_that_is_in_a_group_now_leaves_the_rest_of_the_group_alone() {

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
+use maquette_node::reading::Readers;
 use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -10,7 +11,6 @@ use serde_json::Value as Json;
 use crate::files::{Known, NodeFile, Reads};
 use crate::graph::difference::{in_short, parameter_difference, parameter_name};
 use crate::graph::{GraphNode, Link};
-use crate::reading::Readers;
 
 /// What a result was computed from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

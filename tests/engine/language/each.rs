@@ -158,10 +158,7 @@ const PACK: Pack = Pack {
         node::<Count>(),
     ],
     values: &[value_type::<Beads>()],
-    migrations: &[],
-    recipes: &[],
-    formats: &[],
-    readers: &[],
+    ..Pack::EMPTY
 };
 
 fn session() -> Session {

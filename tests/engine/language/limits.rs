@@ -67,15 +67,7 @@ impl Node for Deaf {
     }
 }
 
-const PACK: Pack = Pack {
-    name: "greedy",
-    nodes: &[node::<Hold>(), node::<Deaf>()],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
-};
+const PACK: Pack = Pack { name: "greedy", nodes: &[node::<Hold>(), node::<Deaf>()], ..Pack::EMPTY };
 
 /// One test at a time: they share what is counted.
 static ALONE: Mutex<()> = Mutex::new(());

@@ -80,11 +80,6 @@ fn a_migrated_text_has_every_other_byte_as_it_was() {
 /// A pack that calls built-in nodes and their fields by other names, over three versions.
 pub(super) const OLD_NAMES: Pack = Pack {
     name: "old",
-    nodes: &[],
-    values: &[],
-    formats: &[],
-    readers: &[],
-    recipes: &[],
     migrations: &[
         Migration::Node { old: "Grid", new: "Mesher" },
         Migration::Node { old: "Mesher", new: "Triangulate" },
@@ -104,6 +99,7 @@ pub(super) const OLD_NAMES: Pack = Pack {
             value: NewValue::Words(&[("Triangles", "Loop")]),
         },
     ],
+    ..Pack::EMPTY
 };
 
 /// Nodes as they were written once, and as they are now.

@@ -298,10 +298,7 @@ const BEADS: Pack = Pack {
     name: "beads",
     nodes: &[node::<Bead>(), node::<Wear>()],
     values: &[value_type::<Beads>()],
-    formats: &[],
-    readers: &[],
-    migrations: &[],
-    recipes: &[],
+    ..Pack::EMPTY
 };
 
 #[test]

@@ -19,7 +19,6 @@ pub const PACK: Pack = Pack {
     values: &[value_type::<Palette>()],
     formats: &[format::<GimpPalette>()],
     readers: &[reader::<GimpPalette>()],
-    recipes: &[],
     migrations: &[
         // 0.2: it uses a palette.
         Migration::Node { old: "PaintPalette", new: "ApplyPalette" },
@@ -32,4 +31,5 @@ pub const PACK: Pack = Pack {
             value: NewValue::Same,
         },
     ],
+    ..Pack::EMPTY
 };

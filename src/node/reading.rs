@@ -155,15 +155,18 @@ struct Utf16;
 
 /// The readers of some packs.
 #[derive(Clone, Default)]
-pub(crate) struct Readers(Vec<AnyReader>);
+#[doc(hidden)]
+pub struct Readers(Vec<AnyReader>);
 
 impl Readers {
-    pub(crate) fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
+    #[doc(hidden)]
+    pub fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
         Self(readers.into_iter().collect())
     }
 
     /// The endings of files that hold a value of this type, or any; in the packs' order.
-    pub(crate) fn endings(&self, kind: Option<&str>) -> Vec<&'static str> {
+    #[doc(hidden)]
+    pub fn endings(&self, kind: Option<&str>) -> Vec<&'static str> {
         let fits = |reader: &&AnyReader| kind.is_none_or(|kind| reader.kind().name == kind);
         let mut endings: Vec<&str> = Vec::new();
         for &ending in self.0.iter().filter(fits).flat_map(|reader| reader.endings) {
@@ -175,7 +178,8 @@ impl Readers {
     }
 
     /// The value of this type in a file.
-    pub(crate) fn read(&self, kind: &ValueType, file: &Reading<'_>) -> Result<AnyValue, Error> {
+    #[doc(hidden)]
+    pub fn read(&self, kind: &ValueType, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let ending = file.ending();
         let fits =
             |reader: &&AnyReader| reader.kind() == kind && reader.endings.contains(&&ending[..]);
@@ -217,13 +221,15 @@ impl Readers {
     }
 
     /// Whether files of this ending may name others.
-    pub(crate) fn may_name(&self, ending: &str) -> bool {
+    #[doc(hidden)]
+    pub fn may_name(&self, ending: &str) -> bool {
         let names = |reader: &AnyReader| reader.companions.is_some();
         self.0.iter().any(|reader| names(reader) && reader.endings.contains(&ending))
     }
 
     /// Asks for all files that a file names, whatever type of values is read from it.
-    pub(crate) fn ask_companions(&self, file: &Reading<'_>) {
+    #[doc(hidden)]
+    pub fn ask_companions(&self, file: &Reading<'_>) {
         let ending = file.ending();
         let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
         self.0.iter().filter(fits).for_each(|reader| reader.ask_companions(file));
@@ -234,7 +240,8 @@ impl Readers {
     ///
     /// # Errors
     /// If it cannot be read: which file, and why.
-    pub(crate) fn open(
+    #[doc(hidden)]
+    pub fn open(
         &self,
         path: &Path,
         kind: Option<&ValueType>,
@@ -258,23 +265,27 @@ impl Readers {
 
 impl AnyReader {
     /// The type of values that it reads.
-    pub(crate) fn kind(&self) -> &'static ValueType {
+    #[doc(hidden)]
+    pub fn kind(&self) -> &'static ValueType {
         (self.kind)()
     }
 
     /// Where its code is.
-    pub(crate) fn code(&self) -> usize {
+    #[doc(hidden)]
+    pub fn code(&self) -> usize {
         self.read as usize
     }
 
     /// Reads a file, whatever its name is.
-    pub(crate) fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
+    #[doc(hidden)]
+    pub fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let is_utf16 = [b"\xff\xfe", b"\xfe\xff"].iter().any(|mark| file.bytes.starts_with(*mark));
         (self.read)(file).map_err(|error| if is_utf16 { Utf16.into() } else { error })
     }
 
     /// Asks for the files that a file names.
-    pub(crate) fn ask_companions(&self, file: &Reading<'_>) {
+    #[doc(hidden)]
+    pub fn ask_companions(&self, file: &Reading<'_>) {
         if let Some(ask) = self.companions {
             ask(file);
         }
@@ -282,81 +293,11 @@ impl AnyReader {
 }
 
 /// The content of a file that another one names, if it may be read.
-pub(crate) fn read_companion(
-    name: &str,
-    path: &Path,
-    roots: &[PathBuf],
-) -> Result<Arc<[u8]>, String> {
+#[doc(hidden)]
+pub fn read_companion(name: &str, path: &Path, roots: &[PathBuf]) -> Result<Arc<[u8]>, String> {
     may_read(name, path, roots).map_err(|problem| match problem {
         PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
     })?;
     let bytes = plain::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
     Ok(bytes.into())
-}
-
-#[cfg(test)]
-mod tests {
-    use maquette_value::Points;
-
-    use super::*;
-    use crate::format::READERS;
-
-    #[test]
-    fn the_type_and_the_ending_choose_the_reader() {
-        let readers = Readers::new(READERS.iter().copied());
-        let triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-        let file = Reading::alone("a.obj", triangle);
-        let mesh = readers.read(value_type::<Mesh>(), &file).unwrap();
-        assert_eq!(mesh.get::<Mesh>().unwrap().faces().len(), 1);
-        let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
-        assert_eq!(
-            error,
-            "no Points can be read from `.obj`; known are ply, pcd, xyz, las, laz, e57"
-        );
-        let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
-        assert!(
-            error.starts_with("no value can be read from a file without an ending; known are ")
-        );
-    }
-
-    #[test]
-    fn the_mark_of_a_text_is_no_part_of_it_nor_of_what_it_names() {
-        let cube = b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 9\nf 1 2 3\n";
-        let mesh: Mesh = crate::format::read(&Reading::alone("a.obj", cube)).unwrap();
-        assert_eq!(mesh.positions().len(), 4);
-        let points = Reading::alone("a.xyz", b"\xef\xbb\xbf1 2 3\n");
-        assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 1);
-        let beside = |_: &str| Ok(b"\xef\xbb\xbfnewmtl a\n"[..].into());
-        let named = Reading::new("a.obj", cube, &beside).companion("a.mtl").unwrap();
-        assert_eq!(&named[..], b"newmtl a\n");
-        // Numbers of a binary file that look like a mark.
-        let numbers = [&b"\xef\xbb\xbf\x3f"[..], &[0; 200]].concat();
-        assert_eq!(Reading::alone("a.stl", &numbers).bytes(), numbers);
-    }
-
-    #[test]
-    fn a_file_of_any_type_is_what_has_something_in_it() {
-        let readers = Readers::new(READERS.iter().copied());
-        let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
-        let value = readers.read_any(&Reading::alone("a.ply", cloud)).unwrap();
-        assert_eq!(value.kind().name, "Points");
-    }
-
-    #[test]
-    fn of_a_broken_file_all_reasons_are_told_and_what_most_readers_say_comes_first() {
-        let readers = Readers::new(READERS.iter().copied());
-        let why =
-            |file: &[u8]| readers.read_any(&Reading::alone("a.ply", file)).unwrap_err().to_string();
-        let wrong = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
-            property list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n3 0 1 7\n";
-        let expected =
-            "as Mesh or Points: face 0 names vertex 7, but there are only 2; as RangeImage: ";
-        let told = why(wrong);
-        assert!(told.starts_with(expected), "{told}");
-        // What all of them say is told once.
-        assert!(!why(b"plain text").contains("as Mesh"));
-        let wide = Vec::from_iter("ply\n".encode_utf16().flat_map(u16::to_le_bytes));
-        let told = why(&[b"\xff\xfe", &wide[..]].concat());
-        assert_eq!(told, "it is text in UTF-16: save it as UTF-8");
-    }
 }

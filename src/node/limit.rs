@@ -68,7 +68,8 @@ pub struct Estimate {
 
 impl Estimate {
     /// The bytes as a whole number.
-    pub(crate) fn whole(self) -> u64 {
+    #[doc(hidden)]
+    pub fn whole(self) -> u64 {
         if self.bytes.is_nan() { u64::MAX } else { self.bytes as u64 }
     }
 }
@@ -76,14 +77,19 @@ impl Estimate {
 /// A node would need more memory than is left of what may be held.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("it would need {}, {} are held already and {} are allowed in all: {help}, or allow more (--max-memory)", in_bytes(*need), in_bytes(*held as f64), in_bytes(*most as f64))]
-pub(crate) struct NoRoom {
+#[doc(hidden)]
+pub struct NoRoom {
     /// Bytes, as its [`Estimate`] says.
-    pub(crate) need: f64,
+    #[doc(hidden)]
+    pub need: f64,
     /// What other results and nodes hold.
-    pub(crate) held: u64,
+    #[doc(hidden)]
+    pub held: u64,
     /// What may be held in all.
-    pub(crate) most: u64,
-    pub(crate) help: &'static str,
+    #[doc(hidden)]
+    pub most: u64,
+    #[doc(hidden)]
+    pub help: &'static str,
 }
 
 /// `4.2 GB`; what is below a kilobyte is told exactly.

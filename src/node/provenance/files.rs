@@ -14,7 +14,8 @@ const STL: &str = "binary STL of maquette, mm, ";
 
 /// What a file tells of where it came from.
 #[derive(Debug, PartialEq)]
-pub(crate) enum Found {
+#[doc(hidden)]
+pub enum Found {
     /// All of it.
     Words(String),
     /// The hash of the words: there is no room for more.
@@ -24,7 +25,8 @@ pub(crate) enum Found {
 /// Puts the words into a file of this ending, or their hash where the format has no room for more. What has no place for either
 /// stays as it is: PTX, whose lines are counted; XYZ, of which other programs take a comment for a point, or refuse it; and what the
 /// engine does not know.
-pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
+#[doc(hidden)]
+pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
     let signed = match ending {
         "glb" => glb(bytes, words),
         "png" => png(bytes, words),
@@ -51,7 +53,8 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
 
 /// The comments of a PLY file that hold these words. Their place is behind the `format` line: Open3D, assimp and CloudCompare refuse a
 /// file with a comment before it.
-pub(crate) fn comment_of_ply(words: &str) -> String {
+#[doc(hidden)]
+pub fn comment_of_ply(words: &str) -> String {
     let mut lines = Vec::new();
     let mut rest = words;
     while !rest.is_empty() {
@@ -81,26 +84,30 @@ fn end_of_line(text: &str) -> usize {
 }
 
 /// The first line of an OBJ or MTL file that tells these words.
-pub(crate) fn comment_of_obj(words: &str) -> String {
+#[doc(hidden)]
+pub fn comment_of_obj(words: &str) -> String {
     format!("# {KEY} {words}\n")
 }
 
 /// With spaces at the end: another number among the words does not move all that follows, so that a file that is written again is made anew
 /// only where it has changed.
-pub(crate) fn padded(mut text: String) -> String {
+#[doc(hidden)]
+pub fn padded(mut text: String) -> String {
     let spaces = text.len().next_multiple_of(64) - text.len();
     text.extend(std::iter::repeat_n(' ', spaces));
     text
 }
 
 /// What stands in `asset.extras` of a GLB file that tells these words.
-pub(crate) fn extras_of_glb(words: &str) -> Option<Json> {
+#[doc(hidden)]
+pub fn extras_of_glb(words: &str) -> Option<Json> {
     let told: Json = serde_json::from_str(words).ok()?;
     Some(json!({ KEY: told }))
 }
 
 /// What a file of this ending tells.
-pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
+#[doc(hidden)]
+pub fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
     let words = |text: &str| Some(Found::Words(text.to_owned()));
     match ending {
         "glb" => {

@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 
 mod files;
 
-pub(crate) use files::{Found, comment_of_obj, comment_of_ply, extras_of_glb, find, padded, sign};
+pub use files::{Found, comment_of_obj, comment_of_ply, extras_of_glb, find, padded, sign};
 
 /// What is put into the files of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,41 +30,53 @@ const DIGITS: usize = 16;
 /// What is told of an output. What does not apply is left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct Provenance {
+#[doc(hidden)]
+pub struct Provenance {
     /// The engine's version.
-    pub(crate) maquette: String,
+    pub maquette: String,
     /// The graph's file, within its project.
-    pub(crate) graph: String,
+    #[doc(hidden)]
+    pub graph: String,
     /// The output's name.
-    pub(crate) output: String,
+    #[doc(hidden)]
+    pub output: String,
     /// Whether it is a draft.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) draft: bool,
+    #[doc(hidden)]
+    pub draft: bool,
     /// The hash of what the output hangs on: types of nodes, their parameters, and their links.
-    pub(crate) made: String,
+    #[doc(hidden)]
+    pub made: String,
     /// The values of the graph's parameters that may shape it.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) parameters: Sorted,
+    #[doc(hidden)]
+    pub parameters: Sorted,
     /// Values of nodes' fields from `--set`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) set: Sorted,
+    #[doc(hidden)]
+    pub set: Sorted,
     /// Hashes of the values at the graph's inputs.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) inputs: Sorted,
+    #[doc(hidden)]
+    pub inputs: Sorted,
     /// Hashes of the files that were read, by their paths in the project.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) files: Sorted,
+    #[doc(hidden)]
+    pub files: Sorted,
     /// Hashes of the results that were pinned, by their nodes.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) pins: Sorted,
+    #[doc(hidden)]
+    pub pins: Sorted,
     /// The packs of the nodes, and their versions.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) packs: Sorted,
+    #[doc(hidden)]
+    pub packs: Sorted,
 }
 
 impl Provenance {
     /// As it stands in files: one line of JSON, in ASCII, in which no comment of any format ends.
-    pub(crate) fn words(&self) -> String {
+    #[doc(hidden)]
+    pub fn words(&self) -> String {
         let json = serde_json::to_string(self).unwrap_or_default();
         let mut words = String::with_capacity(json.len());
         for c in json.chars() {
@@ -79,12 +91,14 @@ impl Provenance {
         words
     }
 
-    pub(crate) fn read(words: &str) -> Option<Self> {
+    #[doc(hidden)]
+    pub fn read(words: &str) -> Option<Self> {
         serde_json::from_str(words).ok().filter(|told: &Self| !told.maquette.is_empty())
     }
 
     /// What of the file's provenance is another one now, in words.
-    pub(crate) fn changes(&self, now: &Self) -> Vec<String> {
+    #[doc(hidden)]
+    pub fn changes(&self, now: &Self) -> Vec<String> {
         let mut changes = Vec::new();
         if self.maquette != now.maquette {
             changes.push(format!("maquette {} made it, this is {}", self.maquette, now.maquette));
@@ -119,7 +133,8 @@ impl Provenance {
 }
 
 /// The beginning of a hash.
-pub(crate) fn short(hash: &str) -> String {
+#[doc(hidden)]
+pub fn short(hash: &str) -> String {
     hash.chars().take(DIGITS).collect()
 }
 

@@ -1,4 +1,4 @@
-//! What a step is: a struct whose fields are its ports and parameters, and a pure function from inputs to outputs.
+//! A step of a graph: its ports, its files, and what it is given when it runs.
 
 use std::any::type_name;
 use std::borrow::Cow;
@@ -18,21 +18,9 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
+use super::*;
 use crate::limit::Estimate;
 use crate::reading::{NoReader, Readers, Reading};
-
-mod carry;
-mod kind;
-mod previous;
-mod terms;
-
-pub(crate) use carry::DOMAINS;
-pub use carry::{Carry, Fate};
-pub(crate) use kind::AnyNode;
-pub use kind::{NodeType, Output, node};
-pub use previous::Previous;
-pub use terms::{Promise, Want};
-pub(crate) use terms::{Source, Term};
 
 /// One step of a graph, and its whole description.
 ///
@@ -79,7 +67,8 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
 
     /// What [`eval`](Self::eval) gives, made of what it gave for other inputs: the very bytes, and the same warnings. For nodes that have
     /// little to do where little has changed; none where nothing is gained, so that `eval` is asked. A node that gives something for
-    /// unchanged inputs is held to this by [`conformance`](crate::conformance).
+    /// little to do where little has changed; none where nothing is gained, so that `eval` is asked. A node that gives something for
+    /// unchanged inputs is held to this by `maquette::conformance`.
     ///
     /// # Errors
     /// Those of `eval`.
@@ -202,7 +191,7 @@ outputs!(4: A 0, B 1, C 2, D 3);
 
 /// A port: takes a link to a `T`.
 pub struct In<T> {
-    slot: usize,
+    pub(super) slot: usize,
     marker: PhantomData<fn() -> T>,
 }
 
@@ -292,7 +281,8 @@ impl FilePath {
         }
     }
 
-    pub(crate) fn resolved(&self) -> &Path {
+    #[doc(hidden)]
+    pub fn resolved(&self) -> &Path {
         &self.resolved
     }
 }
@@ -347,16 +337,21 @@ impl JsonSchema for FilePath {
 /// A file that the evaluator has read for a node.
 #[derive(Clone, Debug)]
 pub struct File {
-    pub(crate) name: String,
-    pub(crate) bytes: Arc<[u8]>,
+    #[doc(hidden)]
+    pub name: String,
+    #[doc(hidden)]
+    pub bytes: Arc<[u8]>,
     /// The files that it names, by name, or why they cannot be had.
-    pub(crate) companions: Arc<Companions>,
+    #[doc(hidden)]
+    pub companions: Arc<Companions>,
     /// Of its content, and of that of its companions.
-    pub(crate) hash: Hash,
+    #[doc(hidden)]
+    pub hash: Hash,
 }
 
 /// Files that a file names, as its format does for materials and pictures: by name, with their contents or why they cannot be had.
-pub(crate) type Companions = BTreeMap<String, Result<Arc<[u8]>, String>>;
+#[doc(hidden)]
+pub type Companions = BTreeMap<String, Result<Arc<[u8]>, String>>;
 
 impl File {
     /// The path as the graph has it, for messages.
@@ -399,15 +394,19 @@ impl File {
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("cannot read {name}: {reason}")]
 pub struct ReadError {
-    pub(crate) name: String,
-    pub(crate) reason: String,
+    #[doc(hidden)]
+    pub name: String,
+    #[doc(hidden)]
+    pub reason: String,
 }
 
 /// How far a node is, and whether it should stop.
 #[derive(Clone, Default)]
 pub struct Progress<'a> {
-    pub(crate) report: Option<&'a (dyn Fn(f64) + Sync)>,
-    pub(crate) cancel: Option<&'a CancelToken>,
+    #[doc(hidden)]
+    pub report: Option<&'a (dyn Fn(f64) + Sync)>,
+    #[doc(hidden)]
+    pub cancel: Option<&'a CancelToken>,
 }
 
 impl Progress<'_> {
@@ -461,12 +460,13 @@ impl CancelToken {
 }
 
 /// Where memoized results live.
-pub(crate) trait Memos: Sync {
+#[doc(hidden)]
+pub trait Memos: Sync {
     fn find(&self, key: Hash) -> Option<AnyValue>;
     fn keep(&self, key: Hash, value: &AnyValue);
 }
 
-fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
+pub(super) fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
     let value = &inputs[port.slot];
     T::get(value).unwrap_or_else(|| {
         panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)
@@ -475,12 +475,18 @@ fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> 
 
 /// What a node sees of the world while it is evaluated.
 pub struct Context<'a> {
-    pub(crate) inputs: &'a [AnyValue],
-    pub(crate) files: &'a BTreeMap<PathBuf, Option<File>>,
-    pub(crate) progress: Progress<'a>,
-    pub(crate) memos: Option<&'a dyn Memos>,
-    pub(crate) readers: &'a Readers,
-    pub(crate) warnings: Mutex<Vec<String>>,
+    #[doc(hidden)]
+    pub inputs: &'a [AnyValue],
+    #[doc(hidden)]
+    pub files: &'a BTreeMap<PathBuf, Option<File>>,
+    #[doc(hidden)]
+    pub progress: Progress<'a>,
+    #[doc(hidden)]
+    pub memos: Option<&'a dyn Memos>,
+    #[doc(hidden)]
+    pub readers: &'a Readers,
+    #[doc(hidden)]
+    pub warnings: Mutex<Vec<String>>,
 }
 
 impl Context<'_> {

@@ -4,20 +4,32 @@ use maquette_syntax::error::Error;
 use maquette_value::plain::ending;
 use maquette_value::{AnyValue, Value, ValueType, value_type};
 
-use crate::node::NodeType;
+use crate::NodeType;
 use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
 
 mod content;
 
 pub use content::Content;
-pub(crate) use content::{Kept, Pieces};
+pub use content::{Kept, Pieces};
 
-/// A named list of nodes, with the values and file formats that they need.
+/// A named list of nodes, with the values and file formats that they need. A pack names only what it has:
+///
+/// ```
+/// use maquette_node::Pack;
+///
+/// pub static PACK: Pack = Pack { name: "hair", version: env!("CARGO_PKG_VERSION"), ..Pack::EMPTY };
+/// ```
 #[derive(Clone, Copy)]
 pub struct Pack {
     /// The word before the nodes in lists: lower case.
     pub name: &'static str,
+    /// Its version, which files tell that were made by its nodes; empty if it has none.
+    pub version: &'static str,
+    /// The id of the build that the code of all of this is of, as [`this_build!`](crate::this_build) gives it; empty if it is not
+    /// known. Programs whose packs are of the same builds share the results that are kept on disk. A pack without an id is known by
+    /// the files that its code was loaded from.
+    pub build: fn() -> &'static str,
     /// Its nodes, in the order in which a graph uses them.
     pub nodes: &'static [NodeType],
     /// The types of values that it brings.
@@ -30,6 +42,35 @@ pub struct Pack {
     pub migrations: &'static [Migration],
     /// Graphs that a new project may begin with, those that want the most files first.
     pub recipes: &'static [Recipe],
+}
+
+impl Pack {
+    /// A pack without a name that brings nothing.
+    pub const EMPTY: Self = Self {
+        name: "",
+        version: "",
+        build: || "",
+        nodes: &[],
+        values: &[],
+        formats: &[],
+        readers: &[],
+        migrations: &[],
+        recipes: &[],
+    };
+}
+
+/// The id of the build of this crate, for [`Pack::build`]; the crate must be built with the engine's `build.rs`.
+#[macro_export]
+macro_rules! this_build {
+    () => {{
+        // Apart from the list of nodes, which need not be compiled again for each new id.
+        mod build_id {
+            pub(super) fn build_id() -> &'static str {
+                env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
+            }
+        }
+        build_id::build_id
+    }};
 }
 
 /// A graph that a new project may begin with: `maquette new` puts the project's own files in place of those that its nodes read.
@@ -169,7 +210,8 @@ type WriteContent =
 pub struct Format {
     /// The ending of the file's name.
     pub ending: &'static str,
-    pub(crate) kind: fn() -> &'static ValueType,
+    #[doc(hidden)]
+    pub kind: fn() -> &'static ValueType,
     write: Write,
     content: WriteContent,
     doubts: fn(&AnyValue) -> Vec<String>,
@@ -177,23 +219,27 @@ pub struct Format {
 
 impl Format {
     /// Where its code is.
-    pub(crate) fn code(&self) -> usize {
+    #[doc(hidden)]
+    pub fn code(&self) -> usize {
         self.write as usize
     }
 
     /// Writes a value of the format's type.
-    pub(crate) fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
+    #[doc(hidden)]
+    pub fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
         (self.write)(value, name, None)
     }
 
     /// The file of a value that the format can write in pieces, unsigned.
-    pub(crate) fn content<'a>(&self, value: &'a AnyValue) -> Result<Option<Content<'a>>, Error> {
+    #[doc(hidden)]
+    pub fn content<'a>(&self, value: &'a AnyValue) -> Result<Option<Content<'a>>, Error> {
         (self.content)(value, None)
     }
 
     /// The same, each file by its name; they tell where the value came from, if that is known, and are made while they are written, if the
     /// format can do that and they are large.
-    pub(crate) fn contents<'a>(
+    #[doc(hidden)]
+    pub fn contents<'a>(
         &self,
         value: &'a AnyValue,
         name: &str,
@@ -207,7 +253,8 @@ impl Format {
     }
 
     /// What of a value its files cannot tell, or what their readers will stumble over.
-    pub(crate) fn doubts(&self, value: &AnyValue) -> Vec<String> {
+    #[doc(hidden)]
+    pub fn doubts(&self, value: &AnyValue) -> Vec<String> {
         (self.doubts)(value)
     }
 }

@@ -28,7 +28,8 @@ pub struct Content<'a> {
 }
 
 /// What was found for a content, whatever it is.
-pub(crate) type Kept = Option<Box<dyn Any + Send + Sync>>;
+#[doc(hidden)]
+pub type Kept = Option<Box<dyn Any + Send + Sync>>;
 
 enum Kind<'a> {
     Whole(Vec<u8>),
@@ -37,7 +38,8 @@ enum Kind<'a> {
 
 /// What is known of the pieces of a content, or nothing yet.
 #[derive(Clone, Default)]
-pub(crate) struct Pieces(Vec<Piece>);
+#[doc(hidden)]
+pub struct Pieces(Vec<Piece>);
 
 #[derive(Clone, Copy)]
 struct Piece {
@@ -47,7 +49,8 @@ struct Piece {
 
 impl Pieces {
     /// Whether nothing is known.
-    pub(crate) fn is_empty(&self) -> bool {
+    #[doc(hidden)]
+    pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 }
@@ -61,7 +64,7 @@ impl<'a> Content<'a> {
 
     /// The same pieces, of which more is known: a stretch of which `made_of` says for another value what it says for this one has the same
     /// bytes. So who writes the file again need not make what has not changed. It is to cost less than the bytes do: a hash of the hashes of
-    /// what they come from, and of all else that they hang on. Law 14 of [`conformance`](crate::conformance) looks for one that is wrong.
+    /// what they come from, and of all else that they hang on. Law 14 of `maquette::conformance` looks for one that is wrong.
     #[must_use]
     pub fn made_of(mut self, made_of: impl Fn(Range<usize>) -> Hash + Sync + 'a) -> Self {
         if let Kind::Pieces { made_of: slot, .. } = &mut self.kind {
@@ -71,13 +74,15 @@ impl<'a> Content<'a> {
     }
 
     /// The same content, and what is to be kept as long as the file may be written again, since others find it then.
-    pub(crate) fn keeping(mut self, kept: impl Any + Send + Sync) -> Self {
+    #[doc(hidden)]
+    pub fn keeping(mut self, kept: impl Any + Send + Sync) -> Self {
         self.kept = Some(Box::new(kept));
         self
     }
 
     /// What is to be kept.
-    pub(crate) fn into_kept(self) -> Kept {
+    #[doc(hidden)]
+    pub fn into_kept(self) -> Kept {
         self.kept
     }
 
@@ -108,7 +113,8 @@ impl<'a> Content<'a> {
     }
 
     /// Fills in the bytes from a place on.
-    pub(crate) fn fill(&self, place: usize, bytes: &mut [u8]) {
+    #[doc(hidden)]
+    pub fn fill(&self, place: usize, bytes: &mut [u8]) {
         match &self.kind {
             Kind::Whole(whole) => bytes.copy_from_slice(&whole[place..][..bytes.len()]),
             Kind::Pieces { fill, .. } => fill(place, bytes),
@@ -122,7 +128,8 @@ impl<'a> Content<'a> {
     }
 
     /// The bytes that are in memory; none of pieces.
-    pub(crate) fn as_bytes(&self) -> Option<&[u8]> {
+    #[doc(hidden)]
+    pub fn as_bytes(&self) -> Option<&[u8]> {
         match &self.kind {
             Kind::Whole(bytes) => Some(bytes),
             Kind::Pieces { .. } => None,
@@ -132,7 +139,8 @@ impl<'a> Content<'a> {
     /// Hands each piece on with the place of its first byte, several at once and in no order. Gives the hash of all, and for a file that is
     /// written again what is known of its pieces then: what is `known` from before is not found again, and a piece that is `there` in the
     /// file is not handed on.
-    pub(crate) fn each<E: Send>(
+    #[doc(hidden)]
+    pub fn each<E: Send>(
         &self,
         known: Option<&Pieces>,
         there: Option<&Pieces>,
@@ -182,7 +190,8 @@ impl<'a> Content<'a> {
     }
 
     /// What the bytes of a stretch are made of, if that is known.
-    pub(crate) fn stretch(&self, stretch: Range<usize>) -> Option<Hash> {
+    #[doc(hidden)]
+    pub fn stretch(&self, stretch: Range<usize>) -> Option<Hash> {
         match &self.kind {
             Kind::Pieces { made_of: Some(made_of), .. } => Some(made_of(stretch)),
             _ => None,

@@ -1,0 +1,60 @@
+//! Which reader is asked for a file.
+
+use maquette_node::reading::{Readers, Reading};
+use maquette_value::{Mesh, Points, value_type};
+
+use crate::format::READERS;
+
+#[test]
+fn the_type_and_the_ending_choose_the_reader() {
+    let readers = Readers::new(READERS.iter().copied());
+    let triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let file = Reading::alone("a.obj", triangle);
+    let mesh = readers.read(value_type::<Mesh>(), &file).unwrap();
+    assert_eq!(mesh.get::<Mesh>().unwrap().faces().len(), 1);
+    let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
+    assert_eq!(error, "no Points can be read from `.obj`; known are ply, pcd, xyz, las, laz, e57");
+    let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
+    assert!(error.starts_with("no value can be read from a file without an ending; known are "));
+}
+
+#[test]
+fn the_mark_of_a_text_is_no_part_of_it_nor_of_what_it_names() {
+    let cube = b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 9\nf 1 2 3\n";
+    let mesh: Mesh = crate::format::read(&Reading::alone("a.obj", cube)).unwrap();
+    assert_eq!(mesh.positions().len(), 4);
+    let points = Reading::alone("a.xyz", b"\xef\xbb\xbf1 2 3\n");
+    assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 1);
+    let beside = |_: &str| Ok(b"\xef\xbb\xbfnewmtl a\n"[..].into());
+    let named = Reading::new("a.obj", cube, &beside).companion("a.mtl").unwrap();
+    assert_eq!(&named[..], b"newmtl a\n");
+    // Numbers of a binary file that look like a mark.
+    let numbers = [&b"\xef\xbb\xbf\x3f"[..], &[0; 200]].concat();
+    assert_eq!(Reading::alone("a.stl", &numbers).bytes(), numbers);
+}
+
+#[test]
+fn a_file_of_any_type_is_what_has_something_in_it() {
+    let readers = Readers::new(READERS.iter().copied());
+    let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
+    let value = readers.read_any(&Reading::alone("a.ply", cloud)).unwrap();
+    assert_eq!(value.kind().name, "Points");
+}
+
+#[test]
+fn of_a_broken_file_all_reasons_are_told_and_what_most_readers_say_comes_first() {
+    let readers = Readers::new(READERS.iter().copied());
+    let why =
+        |file: &[u8]| readers.read_any(&Reading::alone("a.ply", file)).unwrap_err().to_string();
+    let wrong = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n3 0 1 7\n";
+    let expected =
+        "as Mesh or Points: face 0 names vertex 7, but there are only 2; as RangeImage: ";
+    let told = why(wrong);
+    assert!(told.starts_with(expected), "{told}");
+    // What all of them say is told once.
+    assert!(!why(b"plain text").contains("as Mesh"));
+    let wide = Vec::from_iter("ply\n".encode_utf16().flat_map(u16::to_le_bytes));
+    let told = why(&[b"\xff\xfe", &wide[..]].concat());
+    assert_eq!(told, "it is text in UTF-16: save it as UTF-8");
+}
