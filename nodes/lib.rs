@@ -1,6 +1,6 @@
 //! The built-in node packs of maquette, each a crate of its own that is written with maquette's public API alone.
 
-use maquette::Pack;
+use maquette_node::Pack;
 
 pub use {
     maquette_align as align, maquette_clean as clean, maquette_color as color,
@@ -9,8 +9,10 @@ pub use {
     maquette_solid as solid, maquette_subdivision as subdivision,
 };
 
-/// All built-in packs, in pipeline order.
+/// All built-in packs, those of files first, then those of nodes in pipeline order.
 pub static PACKS: &[&Pack] = &[
+    &maquette_format::PACK,
+    &maquette_render::PACK,
     &image::PACK,
     &range::PACK,
     &nurbs::PACK,

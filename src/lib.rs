@@ -74,10 +74,8 @@
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod conformance;
-pub mod format;
 #[cfg(feature = "cli")]
 pub mod lsp;
-pub mod render;
 
 #[cfg(feature = "cli")]
 mod batch;
@@ -108,6 +106,7 @@ pub use graph::{
     Change, Checked, Difference, Edit, Edited, Extracted, Extraction, Files, Graph, GraphInput,
     GraphPort, InputValues, Merge, Options, Put, ReadFile,
 };
+pub use maquette_format as format;
 pub use maquette_node::limit::{Estimate, Limit, TooMuch};
 pub use maquette_node::pack::{
     Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format,
@@ -119,6 +118,7 @@ pub use maquette_node::{
     PortType, Previous, Progress, Promise, ReadError, Want, node,
 };
 pub use maquette_node::{this_build, union};
+pub use maquette_render as render;
 pub use maquette_syntax::{Cancelled, Error, Place, Problem, Reader, Severity, Source, Span, code};
 pub use maquette_value as value;
 pub use maquette_value::{

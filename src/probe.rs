@@ -1,10 +1,9 @@
 //! What is under a pixel of a value: for `inspect --at` and the pointer on the live page.
 
+use maquette_render::picture_of;
 use maquette_syntax::with_article;
 use maquette_value::{AnyValue, On, Picture, Summary};
 use serde_json::{Map, Value as Json};
-
-use crate::render::picture_of;
 
 /// What is under a pixel (column, row), if the value has that pixel and something to say of it.
 pub(crate) fn at(value: &AnyValue, pixel: [usize; 2]) -> Option<Summary> {

@@ -1,6 +1,6 @@
 //! Moves one scan onto another.
 
-use maquette::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
 use maquette_mesh::Poses;
 use maquette_scan::Scan;
 use nalgebra::{Isometry3, Point3};

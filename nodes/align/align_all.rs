@@ -1,7 +1,7 @@
 //! Brings several scans together.
 
-use maquette::value::{Faces, Mesh};
-use maquette::{Carry, Context, Error, Fate, In, Limit, Node, Progress};
+use maquette_value::{Faces, Mesh};
+use maquette_node::{Carry, Context, Error, Fate, In, Limit, Node, Progress};
 use maquette_mesh::{Poses, merge};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;

@@ -1,7 +1,7 @@
 //! Why scans do not come together.
 
-use maquette::value::MeshError;
-use maquette::{Cancelled, TooMuch};
+use maquette_value::MeshError;
+use maquette_node::{Cancelled, TooMuch};
 use maquette_mesh::{MergeError, TransformError};
 use maquette_range::TriangulateError;
 use thiserror::Error;

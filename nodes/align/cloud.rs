@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeSet, BinaryHeap};
 
-use maquette::parallel::*;
-use maquette::value::{Mesh, RangeImage};
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, RangeImage};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};

@@ -1,6 +1,6 @@
 //! How well two scans fit.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::Isometry3;
 
 use super::cloud::Cloud;

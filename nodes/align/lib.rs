@@ -1,6 +1,7 @@
 //! Nodes that bring several scans of one object together.
 
-use maquette::{Pack, Recipe, node, value_type};
+use maquette_node::{Pack, Recipe, node};
+use maquette_value::value_type;
 
 mod align;
 mod align_all;
@@ -27,7 +28,7 @@ pub use move_aligned::MoveAligned;
 pub static PACK: Pack = Pack {
     name: "align",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[node::<Align>(), node::<AlignAll>(), node::<MoveAligned>()],
     values: &[value_type::<Alignment>()],
     recipes: &[Recipe { name: "captures", text: include_str!("recipes/captures.ron") }],

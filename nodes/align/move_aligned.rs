@@ -1,6 +1,6 @@
 //! Moves something as an alignment moved a scan.
 
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use maquette_mesh::Movable;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

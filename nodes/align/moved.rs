@@ -1,6 +1,6 @@
 //! Scans that have moved into the axes of another one.
 
-use maquette::value::{CaptureFrame, Mesh};
+use maquette_value::{CaptureFrame, Mesh};
 use maquette_mesh::{Motion, Movable, TransformError, transform};
 use maquette_scan::Scan;
 use nalgebra::Matrix4;

@@ -1,8 +1,8 @@
 //! From where scans may lie to where they do: coarse, then fine.
 
-use maquette::Progress;
-use maquette::parallel::*;
-use maquette::value::CaptureFrame;
+use maquette_node::Progress;
+use maquette_value::parallel::*;
+use maquette_value::CaptureFrame;
 use maquette_mesh::Poses;
 use maquette_scan::Scan;
 use nalgebra::{Isometry3, Matrix4, Rotation3, UnitQuaternion};

@@ -2,8 +2,8 @@
 
 use std::cell::RefCell;
 
-use maquette::Progress;
-use maquette::value::{Faces, Mesh, Points, RangeImage};
+use maquette_node::Progress;
+use maquette_value::{Faces, Mesh, Points, RangeImage};
 use maquette_mesh::{Motion, Movable, Poses, transform};
 use maquette_scan::Scan;
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};

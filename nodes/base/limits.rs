@@ -1,6 +1,6 @@
 //! What several nodes make at most.
 
-use maquette::Limit;
+use maquette_node::Limit;
 
 /// Vertices of a mesh that a node makes from a few numbers: with normals, texture coordinates and faces some 2 GB while it is made.
 pub const VERTICES: Limit =

@@ -119,7 +119,7 @@ fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
 
 #[cfg(test)]
 mod tests {
-    use maquette::random::Random;
+    use maquette_value::random::Random;
 
     use super::*;
 

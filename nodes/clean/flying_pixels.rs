@@ -1,8 +1,8 @@
 //! Takes away what hangs between foreground and background.
 
-use maquette::parallel::*;
-use maquette::value::RangeImage;
-use maquette::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::parallel::*;
+use maquette_value::RangeImage;
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use maquette_range::Rays;
 use maquette_scan::Scan;
 use schemars::JsonSchema;

@@ -1,6 +1,6 @@
 //! Nodes that clean scans: even faces, less noise, nothing that flies around.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod flying_pixels;
 mod remesh;
@@ -20,7 +20,7 @@ pub use smooth::{Smooth, SmoothError, smooth};
 pub static PACK: Pack = Pack {
     name: "clean",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>(), node::<FlyingPixels>()],
     ..Pack::EMPTY
 };

@@ -1,10 +1,8 @@
 //! Gives a surface triangles of one size.
 
-use maquette::parallel::*;
-use maquette::value::Mesh;
-use maquette::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, Want,
-};
+use maquette_value::parallel::*;
+use maquette_value::Mesh;
+use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, Want};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Takes away points that lie apart.
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use maquette_base::tree::Tree;
 use maquette_scan::Scan;
 use nalgebra::Point3;
@@ -184,8 +184,8 @@ fn of_each<T: Copy + Default + Send>(
 
 #[cfg(test)]
 mod tests {
-    use maquette::random::Random;
-    use maquette::value::{Attribute, Faces, Mesh, Points, RangeImage};
+    use maquette_value::random::Random;
+    use maquette_value::{Attribute, Faces, Mesh, Points, RangeImage};
 
     use super::*;
 

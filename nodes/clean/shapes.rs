@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 
 /// A cube of quads with the edge 10 around the origin.

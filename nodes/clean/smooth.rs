@@ -1,7 +1,7 @@
 //! Takes small detail out of a surface.
 
-use maquette::value::{Mesh, MeshError};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
+use maquette_value::{Mesh, MeshError};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

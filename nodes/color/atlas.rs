@@ -1,7 +1,7 @@
 //! A picture in which each place of a mesh has a place of its own: which texels show what.
 
-use maquette::value::{Attribute, Image, Mesh, Rgb};
-use maquette::{Cancelled, Progress};
+use maquette_value::{Attribute, Image, Mesh, Rgb};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -268,7 +268,7 @@ fn foot([a, b, c]: [Vector2<f64>; 3], at: Vector2<f64>) -> (Vector2<f64>, [f64; 
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Faces;
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;

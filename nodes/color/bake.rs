@@ -1,7 +1,7 @@
 //! Puts what several captures show on a mesh, as one picture.
 
-use maquette::value::{Image, Mask, Mesh, Rgb, Value};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
+use maquette_value::{Image, Mask, Mesh, Rgb, Value};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
 use nalgebra::Matrix4;

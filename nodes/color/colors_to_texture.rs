@@ -1,8 +1,8 @@
 //! Draws the colors of vertices as a picture.
 
-use maquette::parallel::*;
-use maquette::value::{Image, Mesh, Rgb};
-use maquette::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
+use maquette_value::parallel::*;
+use maquette_value::{Image, Mesh, Rgb};
+use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -116,7 +116,7 @@ fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, ColorsToTextureError> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Attribute, Faces};
+    use maquette_value::{Attribute, Faces};
     use nalgebra::Point3;
 
     use super::*;

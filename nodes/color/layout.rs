@@ -1,8 +1,8 @@
 //! Texture coordinates for any mesh: charts, each flat without a fold, side by side in a square.
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, Mesh, MeshError};
-use maquette::{Cancelled, Limit, Progress, TooMuch};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Mesh, MeshError};
+use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;

@@ -1,6 +1,6 @@
 //! Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod atlas;
 mod bake;
@@ -23,7 +23,7 @@ pub use unwrap::Unwrap;
 pub static PACK: Pack = Pack {
     name: "color",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<Unwrap>(),
         node::<Bake>(),

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use maquette::value::Rgb;
+use maquette_value::Rgb;
 
 static LIGHT: LazyLock<[f64; 256]> =
     LazyLock::new(|| std::array::from_fn(|channel| light(channel as f64)));

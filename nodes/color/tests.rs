@@ -1,7 +1,7 @@
 //! What several nodes do together.
 
-use maquette::Progress;
-use maquette::value::{Attribute, Faces, Mesh};
+use maquette_node::Progress;
+use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 
 use crate::{Layout, Sampling, colors_to_texture, lay_out, texture_to_colors};

@@ -1,9 +1,7 @@
 //! Gives vertices the colors of a picture.
 
-use maquette::value::{Attribute, Image, Mesh, MeshError};
-use maquette::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise,
-};
+use maquette_value::{Attribute, Image, Mesh, MeshError};
+use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
 use schemars::JsonSchema;
@@ -49,7 +47,7 @@ pub enum TextureToColorsError {
     },
     /// A picture that is too large.
     #[error(transparent)]
-    TooMuch(#[from] maquette::TooMuch),
+    TooMuch(#[from] maquette_node::TooMuch),
     /// Never for a sound mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -201,7 +199,7 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Faces;
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;

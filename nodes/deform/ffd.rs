@@ -1,7 +1,7 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
-use maquette::value::{Handle, HandleSpace, Handles};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
+use maquette_value::{Handle, HandleSpace, Handles};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

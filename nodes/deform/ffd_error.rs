@@ -1,9 +1,7 @@
 //! Why an object cannot be deformed.
 
-use maquette::Cancelled;
-use maquette::value::{
-    AttributeError, ControlNetError, CurveError, HandlesError, MeshError, PointsError, SizeError,
-};
+use maquette_node::Cancelled;
+use maquette_value::{AttributeError, ControlNetError, CurveError, HandlesError, MeshError, PointsError, SizeError};
 
 /// Why an object cannot be deformed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,8 +1,8 @@
 //! Rational Gaussian surfaces.
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
-use maquette::{Context, Error, Estimate, Node, Promise, TooMuch};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
+use maquette_node::{Context, Error, Estimate, Node, Promise, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -2,9 +2,10 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use maquette::parallel::*;
-use maquette::value::{self, Attribute, Handle, HandleSpace, HandlesError};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_value::parallel::*;
+use maquette_value as value;
+use maquette_value::{Attribute, Handle, HandleSpace, HandlesError};
+use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -287,7 +288,7 @@ fn farthest(
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Points;
+    use maquette_value::Points;
 
     use super::*;
 

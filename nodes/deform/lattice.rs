@@ -1,7 +1,7 @@
 //! The lines of an object's box, to see how space is deformed.
 
-use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, In, Node, TooMuch};
+use maquette_value::{Curve, CurveError};
+use maquette_node::{Context, Error, In, Node, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Nodes that deform by handles.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod ffd;
 mod ffd_error;
@@ -33,7 +33,7 @@ pub use tube::{Tube, TubeError, tube};
 pub static PACK: Pack = Pack {
     name: "deform",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ReadHandles>(),
         node::<Handles>(),

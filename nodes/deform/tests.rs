@@ -1,8 +1,8 @@
 //! What must hold of deformations, with exact answers; the identifiers are those of algorithms.md, section 13.
 
-use maquette::Progress;
-use maquette::random::Random;
-use maquette::value::{Handle, HandleSpace, Handles, Points};
+use maquette_node::Progress;
+use maquette_value::random::Random;
+use maquette_value::{Handle, HandleSpace, Handles, Points};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
 use super::free_form::pull;

@@ -1,7 +1,7 @@
 //! Curves as tubes, to be seen and printed.
 
-use maquette::value::{Curve, Faces, Mesh, MeshError};
-use maquette::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_value::{Curve, Faces, Mesh, MeshError};
+use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Nodes that close the holes of surfaces.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod attributes;
 mod border;
@@ -28,7 +28,7 @@ pub use method::FillMethod;
 pub static PACK: Pack = Pack {
     name: "fill",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[node::<FillHoles>()],
     ..Pack::EMPTY
 };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
 pub(super) mod nut;

@@ -1,7 +1,7 @@
 //! What filling holes promises, on whole meshes.
 
-use maquette::Progress;
-use maquette::value::{Attribute, Faces, Mesh};
+use maquette_node::Progress;
+use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 use proptest::prelude::*;
 

@@ -1,9 +1,9 @@
 //! Marks the edges of a picture: where its levels change steeply.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::{Field, Mask};
-use maquette::{Context, Error, In, Node};
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
+use maquette_value::{Field, Mask};
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -232,7 +232,7 @@ const UNPACKED: [[bool; 8]; 256] = {
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
-    use maquette::value::Image;
+    use maquette_value::Image;
 
     use super::*;
 

@@ -1,7 +1,7 @@
 //! Numbers the connected parts of a mask.
 
-use maquette::value::{Labels, Mask};
-use maquette::{Context, Error, In, Node};
+use maquette_value::{Labels, Mask};
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

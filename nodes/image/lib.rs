@@ -1,6 +1,6 @@
 //! Nodes on pictures.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod combine_masks;
 mod connectivity;
@@ -46,7 +46,7 @@ pub use threshold::Threshold;
 pub static PACK: Pack = Pack {
     name: "image",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ReadImage>(),
         node::<PaintedMask>(),

@@ -1,8 +1,8 @@
 //! A mask of a simple shape.
 
-use maquette::parallel::*;
-use maquette::value::Mask;
-use maquette::{Context, Error, In, Node};
+use maquette_value::parallel::*;
+use maquette_value::Mask;
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

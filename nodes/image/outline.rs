@@ -1,7 +1,7 @@
 //! Keeps the border of a mask.
 
-use maquette::value::Mask;
-use maquette::{Context, Error, In, Node};
+use maquette_value::Mask;
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! A mask that was painted with another program.
 
-use maquette::format::picture_file;
-use maquette::value::{Color, Image, Mask};
-use maquette::{Context, Error, FilePath, In, Node};
+use maquette_format::picture_file;
+use maquette_value::{Color, Image, Mask};
+use maquette_node::{Context, Error, FilePath, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! What has pixels.
 
-use maquette::value::{Image, Mask};
+use maquette_value::{Image, Mask};
 
-maquette::union! {
+maquette_node::union! {
     /// A picture, or a mask.
     pub enum Picture { Image(Image), Mask(Mask) }
 }

@@ -1,6 +1,6 @@
 //! What nodes on a picture refuse: pixels outside of it, and masks of another size.
 
-use maquette::value::{Image, Mask};
+use maquette_value::{Image, Mask};
 
 /// Why something does not fit a picture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

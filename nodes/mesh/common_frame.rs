@@ -1,6 +1,6 @@
 //! The frame that several captures have in common.
 
-use maquette::value::CaptureFrame;
+use maquette_value::CaptureFrame;
 
 /// The frame of captures that were taken together: what is equal in all of them. None if one has no frame.
 pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, Mesh, Moved};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Mesh, Moved};
 
 use super::motion::Motion;
 

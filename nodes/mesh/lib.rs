@@ -1,6 +1,6 @@
 //! Nodes on meshes, points and curves.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod common_frame;
 mod followed;
@@ -41,7 +41,7 @@ pub use transform::{Transform, transform};
 pub static PACK: Pack = Pack {
     name: "mesh",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ReadMesh>(),
         node::<ReadPoints>(),

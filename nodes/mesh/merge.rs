@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use maquette::value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Promise, Value};
+use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Promise};
+use maquette_value::Value;
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -302,7 +303,7 @@ fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Image;
+    use maquette_value::Image;
     use nalgebra::Point3;
 
     use super::*;
@@ -425,7 +426,7 @@ mod tests {
             let [made, expected] =
                 [&before, &now].map(|meshes| merge(meshes, Poses::Auto).unwrap());
             let followed = follow(&now, &before, &made, Poses::Auto).unwrap();
-            assert_eq!(maquette::hash_of(&followed), maquette::hash_of(&expected));
+            assert_eq!(maquette_value::hash_of(&followed), maquette_value::hash_of(&expected));
             let none = with_pose(now[0].clone(), pose.is_none().then(|| upright(1.0)));
             assert_eq!(follow(&[&none; 3], &before, &made, Poses::Apply), None);
             let painted = now[0].clone().with_face("mixed", flags(&[1, 0])).unwrap();

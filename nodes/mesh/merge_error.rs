@@ -1,7 +1,7 @@
 //! Why meshes do not make one.
 
-use maquette::TooMuch;
-use maquette::value::MeshError;
+use maquette_node::TooMuch;
+use maquette_value::MeshError;
 
 /// Why meshes do not make one.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

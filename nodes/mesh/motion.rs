@@ -1,7 +1,7 @@
 //! A move, a turn and a scaling in one.
 
-use maquette::parallel::*;
-use maquette::value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
+use maquette_value::parallel::*;
+use maquette_value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Why something cannot be moved.

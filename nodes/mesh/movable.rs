@@ -1,8 +1,8 @@
 //! The types of values that `Transform` moves.
 
-use maquette::value::{ControlNet, Curve, Mesh, Points, RangeImage};
+use maquette_value::{ControlNet, Curve, Mesh, Points, RangeImage};
 
-maquette::union! {
+maquette_node::union! {
     /// What can be moved.
     pub enum Movable {
         Mesh(Mesh),

@@ -1,6 +1,6 @@
 //! A mesh that is moved, with its normals.
 
-use maquette::value::{Attribute, CaptureFrame, Mesh, MeshError};
+use maquette_value::{Attribute, CaptureFrame, Mesh, MeshError};
 
 use super::motion::Motion;
 use super::turned_faces::turned_faces;

@@ -1,7 +1,7 @@
 //! Turns faces so that their outside is outside.
 
-use maquette::value::{Attribute, Mesh, MeshError};
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_value::{Attribute, Mesh, MeshError};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

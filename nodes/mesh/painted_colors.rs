@@ -1,6 +1,6 @@
 //! The colors of vertices in a picture.
 
-use maquette::value::{Column, Image, Mesh};
+use maquette_value::{Column, Image, Mesh};
 
 /// The color of each vertex in the mesh's picture, if it has one.
 pub(super) fn painted_colors(mesh: &Mesh) -> Option<Column<[u8; 3]>> {

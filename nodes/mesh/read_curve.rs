@@ -1,8 +1,8 @@
 //! Reads a curve from a file.
 
-use maquette::format::obj;
-use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, FilePath, Node};
+use maquette_format::obj;
+use maquette_value::{Curve, CurveError};
+use maquette_node::{Context, Error, FilePath, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,12 +1,11 @@
 //! Reads a mesh from a file.
 
-use maquette::parallel::*;
-use maquette::value::{Mesh, MeshError};
-use maquette::{Context, Error, FilePath, NoReader, Node, Reading, format};
+use maquette_node::{Context, Error, FilePath, NoReader, Node, Reading};
+use maquette_range::Unit;
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_range::Unit;
 
 /// Reads a mesh: an OBJ, PLY, STL, GLB or glTF file.
 ///
@@ -64,7 +63,7 @@ pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
 /// If the ending is another one, or the bytes are no such file.
 pub fn read_mesh(bytes: &[u8], ending: &str) -> Result<Mesh, Error> {
     let name = format!("mesh.{ending}");
-    format::read(&Reading::alone(&name, bytes)).map_err(|error| match error.downcast() {
+    maquette_format::read(&Reading::alone(&name, bytes)).map_err(|error| match error.downcast() {
         Some(NoReader { ending, known, .. }) => {
             NoReader { what: "mesh", ending: ending.clone(), known: known.clone() }.into()
         }

@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
-use maquette::value::Points;
-use maquette::{Context, Error, FilePath, Node};
+use maquette_value::Points;
+use maquette_node::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +54,7 @@ pub fn in_millimeters(points: Points, unit: Unit) -> Result<Points, Error> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::format::xyz;
+    use maquette_format::xyz;
 
     use super::*;
 

@@ -1,10 +1,8 @@
 //! Reconstructs a surface from points.
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
-use maquette::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch,
-};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
+use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch};
 use nalgebra::{Matrix4, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

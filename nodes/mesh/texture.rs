@@ -1,8 +1,8 @@
 //! Puts a picture on a mesh.
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -206,7 +206,7 @@ fn bounds(points: impl Iterator<Item = Point3<f64>>) -> Option<(Point3<f64>, Poi
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Faces, Pinhole, Registration};
+    use maquette_value::{Faces, Pinhole, Registration};
 
     use super::*;
 

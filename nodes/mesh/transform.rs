@@ -1,7 +1,7 @@
 //! Moves, turns and scales.
 
-use maquette::value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
-use maquette::{Carry, Context, Error, Fate, In, Node, Previous, Promise};
+use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Previous, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -151,8 +151,8 @@ fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNet
 
 #[cfg(test)]
 mod tests {
-    use maquette::hash_of;
-    use maquette::value::{Curve, Faces, Pinhole, RangeImage};
+    use maquette_value::hash_of;
+    use maquette_value::{Curve, Faces, Pinhole, RangeImage};
     use nalgebra::{Point3, Vector3};
 
     use super::*;
@@ -306,7 +306,7 @@ mod tests {
         assert!((normal - Vector3::new(-0.6, 0., -0.4).normalize()).norm() <= 1e-15);
         assert_eq!(moved.attributes().vectors("other").unwrap()[0], [7., 8., 9.]);
 
-        let knots = maquette::value::KnotVector::uniform(3, 3).unwrap();
+        let knots = maquette_value::KnotVector::uniform(3, 3).unwrap();
         let at = |x: f64, y: f64| Point3::new(x, y, 1.0);
         let places = vec![at(0., 0.), at(1., 0.), at(1., 1.)];
         let curve = Curve::rational(places, vec![1., 2., 1.], knots).unwrap();

@@ -1,6 +1,6 @@
 //! Faces that look to the other side.
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_value::{Faces, Mesh, MeshError};
 
 /// The same mesh with the corners of some faces, one flag for each, in the opposite order behind the first. What lies on corners goes with
 /// them; normals stay as they are.

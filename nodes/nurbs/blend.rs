@@ -1,10 +1,8 @@
 //! Writes a surface back to the range grid that it came from.
 
-use maquette::parallel::*;
-use maquette::value::{Mask, Pinhole, RangeImage, Region, Surface};
-use maquette::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress,
-};
+use maquette_value::parallel::*;
+use maquette_value::{Mask, Pinhole, RangeImage, Region, Surface};
+use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,8 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
-use maquette::value::{self, RangeImage, Region};
-use maquette::{Context, Error, In, Node, Progress};
+use maquette_value as value;
+use maquette_value::{RangeImage, Region};
+use maquette_node::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Why no surface can be fitted.
 
-use maquette::Cancelled;
-use maquette::value::{Along, ControlNetError, KnotVectorError, SurfaceError, TraceError};
+use maquette_node::Cancelled;
+use maquette_value::{Along, ControlNetError, KnotVectorError, SurfaceError, TraceError};
 
 /// Why no surface fits.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

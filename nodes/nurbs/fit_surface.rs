@@ -1,7 +1,8 @@
 //! Fits a B-spline surface to a net of points.
 
-use maquette::value::{self, Along, Chart, Surface, Trace};
-use maquette::{Context, Error, In, Node, Progress};
+use maquette_value as value;
+use maquette_value::{Along, Chart, Surface, Trace};
+use maquette_node::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -118,7 +119,7 @@ pub fn fit_surface(
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::KnotVectorError;
+    use maquette_value::KnotVectorError;
     use nalgebra::Point3;
 
     use super::super::blend::blend;

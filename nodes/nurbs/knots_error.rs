@@ -1,6 +1,6 @@
 //! Why there is no knot vector.
 
-use maquette::value::{Along, KnotVectorError};
+use maquette_value::{Along, KnotVectorError};
 
 /// Why knots cannot be placed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

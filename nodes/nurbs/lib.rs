@@ -1,6 +1,6 @@
 //! Nodes that redesign a region as a rational B-spline surface.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod blend;
 mod blend_error;
@@ -56,7 +56,7 @@ pub use weights::{Weights, WeightsError, weights, weights_inside};
 pub static PACK: Pack = Pack {
     name: "nurbs",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ControlNet>(),
         node::<OffsetNet>(),

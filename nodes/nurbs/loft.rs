@@ -1,7 +1,8 @@
 //! Makes a control net of sections.
 
-use maquette::value::{self, ControlNetError, Curve, KnotVector};
-use maquette::{Context, Error, In, Node, TooMuch};
+use maquette_value as value;
+use maquette_value::{ControlNetError, Curve, KnotVector};
+use maquette_node::{Context, Error, In, Node, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -172,7 +173,7 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Along;
+    use maquette_value::Along;
 
     use super::super::nurbs::nurbs;
     use super::*;

@@ -1,7 +1,7 @@
 //! Why a region has no control net.
 
-use maquette::TooMuch;
-use maquette::value::ControlNetError;
+use maquette_node::TooMuch;
+use maquette_value::ControlNetError;
 
 use maquette_base::linear::laplace::Unsolved;
 

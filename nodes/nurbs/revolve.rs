@@ -1,7 +1,8 @@
 //! Makes a control net of a profile that turns around an axis.
 
-use maquette::value::{self, ControlNetError, Curve};
-use maquette::{Context, Error, In, Node};
+use maquette_value as value;
+use maquette_value::{ControlNetError, Curve};
+use maquette_node::{Context, Error, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -142,7 +143,7 @@ fn turned(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, Re
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Along, KnotVector};
+    use maquette_value::{Along, KnotVector};
 
     use super::super::nurbs::nurbs;
     use super::*;

@@ -1,7 +1,7 @@
 //! Makes a mesh of a surface.
 
-use maquette::value::{Mesh, MeshError, Surface};
-use maquette::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_value::{Mesh, MeshError, Surface};
+use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,8 @@
 //! Changes how strongly control points attract their surface.
 
-use maquette::value::{self, ControlNetError, Region};
-use maquette::{Context, Error, In, Node};
+use maquette_value as value;
+use maquette_value::{ControlNetError, Region};
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +123,7 @@ pub fn weights_inside(
 
 #[cfg(test)]
 mod tests {
-    use maquette::Progress;
+    use maquette_node::Progress;
     use nalgebra::Point3;
 
     use super::super::control_net::tests::{range, region};

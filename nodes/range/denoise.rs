@@ -1,8 +1,8 @@
 //! Smooths the depth of a range image where it is noise, not where it is an edge.
 
-use maquette::parallel::*;
-use maquette::value::RangeImage;
-use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_value::parallel::*;
+use maquette_value::RangeImage;
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -176,7 +176,7 @@ fn smoothed(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Pinhole;
+    use maquette_value::Pinhole;
 
     use super::*;
 

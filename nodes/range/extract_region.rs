@@ -1,7 +1,7 @@
 //! Takes one labelled part of a picture as a region of the range grid.
 
-use maquette::value::{Labels, RangeImage, Region, RegionError};
-use maquette::{Context, Error, In, Node, Progress, Want};
+use maquette_value::{Labels, RangeImage, Region, RegionError};
+use maquette_node::{Context, Error, In, Node, Progress, Want};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Tells the object from its background.
 
-use maquette::parallel::*;
-use maquette::value::{Color, Image, Mask, RangeImage};
-use maquette::{Context, Error, In, Node};
+use maquette_value::parallel::*;
+use maquette_value::{Color, Image, Mask, RangeImage};
+use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -203,7 +203,7 @@ fn lift(cells: &Mask, range: &RangeImage) -> Mask {
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
-    use maquette::value::Registration;
+    use maquette_value::Registration;
     use nalgebra::Point3;
 
     use super::*;

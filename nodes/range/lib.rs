@@ -1,6 +1,6 @@
 //! Nodes on range images.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod average_normal;
 mod denoise;
@@ -34,7 +34,7 @@ pub use triangulate::{Triangulate, TriangulateError, triangulate};
 pub static PACK: Pack = Pack {
     name: "range",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ReadCapture>(),
         node::<ReadRange>(),

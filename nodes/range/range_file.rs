@@ -1,10 +1,11 @@
 //! What the nodes that read range files share: units, axes, the camera file, and the grid in mm.
 
-use maquette::format::camera::{self, CameraError, CameraFile, View};
-use maquette::format::pcd::PcdError;
-use maquette::format::range_file;
-use maquette::value::RangeImage;
-use maquette::{Context, Error, FilePath};
+use maquette_format::camera;
+use maquette_format::camera::{CameraError, CameraFile, View};
+use maquette_format::pcd::PcdError;
+use maquette_format::range_file;
+use maquette_value::RangeImage;
+use maquette_node::{Context, Error, FilePath};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,10 @@
 //! Reads what a range finder took in one shot: a picture and a grid of points, registered to each other.
 
-use maquette::format::camera::CameraFile;
-use maquette::format::picture_file::{self, PictureError};
-use maquette::value::{Image, RangeImage, Registration};
-use maquette::{Context, Error, FilePath, Node};
+use maquette_format::camera::CameraFile;
+use maquette_format::picture_file;
+use maquette_format::picture_file::PictureError;
+use maquette_value::{Image, RangeImage, Registration};
+use maquette_node::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -108,8 +109,8 @@ fn registered(
 
 #[cfg(test)]
 mod tests {
-    use maquette::format::png;
-    use maquette::value::Pinhole;
+    use maquette_format::png;
+    use maquette_value::Pinhole;
 
     use super::super::range_file::read_camera;
     use super::*;

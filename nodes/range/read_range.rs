@@ -1,8 +1,8 @@
 //! Reads a grid of points from a file of its own, with its colors if it has some.
 
-use maquette::format::camera::CameraFile;
-use maquette::value::{Image, RangeImage};
-use maquette::{Context, Error, FilePath, Node};
+use maquette_format::camera::CameraFile;
+use maquette_value::{Image, RangeImage};
+use maquette_node::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -106,8 +106,8 @@ fn with_colors(
 
 #[cfg(test)]
 mod tests {
-    use maquette::format::camera;
-    use maquette::value::Pinhole;
+    use maquette_format::camera;
+    use maquette_value::Pinhole;
     use nalgebra::Point3;
 
     use super::*;

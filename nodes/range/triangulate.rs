@@ -1,8 +1,8 @@
 //! Makes a mesh of a range image.
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -238,7 +238,7 @@ fn fan_of(filled: u8, wedge: u8) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Mask, Registration};
+    use maquette_value::{Mask, Registration};
     use proptest::prelude::*;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! Takes away what lies elsewhere.
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::Mesh;
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -69,7 +69,7 @@ pub fn crop(
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Faces;
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;

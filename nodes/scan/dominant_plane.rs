@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette::random::Random;
-use maquette::value::{Faces, Mesh};
-use maquette::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::random::Random;
+use maquette_value::{Faces, Mesh};
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -313,7 +313,7 @@ impl Found {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Points;
+    use maquette_value::Points;
     use nalgebra::Vector3;
 
     use super::*;

@@ -1,6 +1,6 @@
 //! Nodes that take an object out of its scans: from its table, its wall and what flies around.
 
-use maquette::{Pack, Recipe, node};
+use maquette_node::{Pack, Recipe, node};
 
 mod crop;
 mod dominant_plane;
@@ -25,7 +25,7 @@ pub use within::Within;
 pub static PACK: Pack = Pack {
     name: "scan",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[node::<KeepCells>(), node::<Crop>(), node::<Pieces>(), node::<DominantPlane>()],
     recipes: &[
         Recipe { name: "capture", text: include_str!("recipes/capture.ron") },

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use maquette::value::{Mesh, RangeImage};
-use maquette::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::{Mesh, RangeImage};
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::Point3;
 use schemars::JsonSchema;

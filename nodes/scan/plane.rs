@@ -1,6 +1,6 @@
 //! Planes with an upper side.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, Vector3};
 
 use super::keep_error::KeepError;

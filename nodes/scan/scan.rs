@@ -1,9 +1,9 @@
 //! What scans are made of, and parts of it.
 
-use maquette::value::{Mesh, Points, RangeImage};
+use maquette_value::{Mesh, Points, RangeImage};
 use nalgebra::Point3;
 
-maquette::union! {
+maquette_node::union! {
     /// What was scanned, in any form.
     pub enum Scan {
         RangeImage(RangeImage),

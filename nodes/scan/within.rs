@@ -1,6 +1,6 @@
 //! Parts of space.
 
-use maquette::value::{Attribute, Attributes};
+use maquette_value::{Attribute, Attributes};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

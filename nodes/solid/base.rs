@@ -1,6 +1,6 @@
 //! Walls from a surface to a flat base.
 
-use maquette::value::{Mesh, MeshError};
+use maquette_value::{Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 

@@ -1,7 +1,7 @@
 //! Unites solids, cuts them out of each other, or takes what they have in common.
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+use maquette_value::Mesh;
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -90,7 +90,7 @@ fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Attribute, Faces, Image};
+    use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! What solids make of each other.
 
-use maquette::value::{Mesh, MeshError, TriangleTree};
-use maquette::{Cancelled, Progress};
+use maquette_value::{Mesh, MeshError, TriangleTree};
+use maquette_node::{Cancelled, Progress};
 use maquette_mesh::{MergeError, Poses, merge};
 use thiserror::Error;
 

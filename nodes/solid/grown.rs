@@ -1,6 +1,6 @@
 //! A mesh with more faces.
 
-use maquette::value::{Attribute, Faces, Mesh, MeshError};
+use maquette_value::{Attribute, Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 /// A mesh and what is added to it: each new vertex, corner and face has what lies on one of the mesh's own.

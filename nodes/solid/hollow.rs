@@ -2,10 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use maquette::value::{Faces, Mesh, MeshError, TriangleTree};
-use maquette::{
-    Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want,
-};
+use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want};
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::{MergeError, Poses, merge};
 use nalgebra::{Point3, Vector3};

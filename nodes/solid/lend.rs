@@ -1,6 +1,6 @@
 //! What lies on one mesh, for another one.
 
-use maquette::value::{Mesh, MeshError, NearestPlace, TriangleTree};
+use maquette_value::{Mesh, MeshError, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 /// The mesh `to` with those attributes of `from` that it does not have, each element with what is at the nearest place; and with its picture, if it has none. `tree` is

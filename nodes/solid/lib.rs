@@ -1,6 +1,6 @@
 //! Nodes that make solids: what a printer can make.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod base;
 mod boolean;
@@ -31,7 +31,7 @@ pub use thicken::ThickenError;
 pub static PACK: Pack = Pack {
     name: "solid",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[node::<Solid>(), node::<Shell>(), node::<Hollow>(), node::<Boolean>()],
     ..Pack::EMPTY
 };

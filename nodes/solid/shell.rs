@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use maquette::value::{Mesh, MeshError, TriangleTree};
-use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_value::{Mesh, MeshError, TriangleTree};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
 use maquette_fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
 use nalgebra::Vector3;
@@ -338,7 +338,7 @@ fn apart(rim: &[u32]) -> Vec<Vec<u32>> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Attribute, Faces};
+    use maquette_value::{Attribute, Faces};
     use nalgebra::Point3;
 
     use super::*;

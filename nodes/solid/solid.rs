@@ -1,7 +1,7 @@
 //! Makes a solid of a surface.
 
-use maquette::value::{Mesh, MeshError};
-use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_value::{Mesh, MeshError};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
 use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
 use schemars::JsonSchema;
@@ -225,7 +225,7 @@ fn closed(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, SolidError> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Attribute, CaptureFrame, Faces};
+    use maquette_value::{Attribute, CaptureFrame, Faces};
     use nalgebra::{Point3, Vector3};
 
     use super::*;

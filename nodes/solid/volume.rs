@@ -1,6 +1,6 @@
 //! What a mesh encloses.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use nalgebra::Point3;
 
 /// The volume within a closed mesh, in mm3, by cones to a place near to it; negative if its faces look inward.

@@ -1,7 +1,7 @@
 //! Sets creases where a mesh bends.
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -52,7 +52,7 @@ impl Node for Crease {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Faces;
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! How a surface bends, at each vertex.
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

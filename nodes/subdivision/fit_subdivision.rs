@@ -1,15 +1,14 @@
 //! Fits a subdivision surface to scattered points.
 
-use maquette::value::{Mesh, Trace};
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+pub use fit::{FittedSubdivision, fit_subdivision};
+pub use fit_subdivision_error::FitSubdivisionError;
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+use maquette_value::{Mesh, Trace};
+pub use moves::{Prices, fit_by_moves};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::scattered::Scattered;
-
-pub use fit::{FittedSubdivision, fit_subdivision};
-pub use fit_subdivision_error::FitSubdivisionError;
-pub use moves::{Prices, fit_by_moves};
 
 mod concave_corners;
 mod equations;

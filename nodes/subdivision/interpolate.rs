@@ -1,9 +1,9 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
-use maquette::value::{Attribute, Mesh, MeshError, Trace};
-use maquette::{
+use maquette_node::{
     Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, TooMuch, Want,
 };
+use maquette_value::{Attribute, Mesh, MeshError, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Finds the control points of a smooth curve through given points.
 
-use maquette::value::{Curve, CurveError, KnotVectorError, Trace};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_value::{Curve, CurveError, KnotVectorError, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,10 +1,12 @@
 //! Finds the control net of a B-spline surface through a grid of points.
 
-use maquette::parallel::*;
-use maquette::value::{
+use maquette_base::linear::stencils::Stencils;
+use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_nurbs::parameters;
+use maquette_value::parallel::*;
+use maquette_value::{
     Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,
 };
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,8 +16,6 @@ use super::solve::geometric::{FootPoint, Look, Perpendicular};
 use super::solve::interpolation::{Foot, Interpolation, NotLinear};
 use super::solve::limit_matrix::LimitMatrix;
 use super::solve::solution::{Diverged, Interpolated};
-use maquette_base::linear::stencils::Stencils;
-use maquette_nurbs::parameters;
 
 /// Finds the control net of a B-spline surface through a grid of points.
 ///

@@ -1,6 +1,6 @@
 //! Nodes on subdivision surfaces and curves: refinement, and what passes through or near given points.
 
-use maquette::{Pack, node};
+use maquette_node::{Pack, node};
 
 mod boundary;
 mod corners;
@@ -66,7 +66,7 @@ pub use surface::limit_surface::LimitSurface;
 pub static PACK: Pack = Pack {
     name: "subdivision",
     version: env!("CARGO_PKG_VERSION"),
-    build: maquette::this_build!(),
+    build: maquette_node::this_build!(),
     nodes: &[
         node::<ReadCreases>(),
         node::<Crease>(),

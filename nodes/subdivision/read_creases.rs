@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, FilePath, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Fate, FilePath, In, Node, Promise};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -99,7 +99,7 @@ pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, ReadCreasesError>
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
-    use maquette::value::Faces;
+    use maquette_value::Faces;
     use nalgebra::Point3;
 
     use super::*;

@@ -1,8 +1,9 @@
 //! What a surface is fitted to.
 
-use maquette::value::{self, Mesh, RangeImage};
+use maquette_value as value;
+use maquette_value::{Mesh, RangeImage};
 
-maquette::union! {
+maquette_node::union! {
     /// Points in space.
     pub enum Scattered {
         Points(value::Points),

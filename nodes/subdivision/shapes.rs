@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
 pub(super) fn polygons(faces: Vec<Vec<u32>>, points: Vec<Point3<f64>>) -> Mesh {

@@ -1,6 +1,6 @@
 //! Which edges of a mesh are creases.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use nalgebra::Vector3;
 
 /// Makes the edges of `mesh` sharp whose two faces have normals more than `angle` degrees apart. Edges with another number of

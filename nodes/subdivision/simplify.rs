@@ -2,12 +2,11 @@
 
 use std::collections::BinaryHeap;
 
-use maquette::value::{Mesh, MeshError};
-use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_value::{Mesh, MeshError};
+use net::{Collapse, Net};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use net::{Collapse, Net};
 
 mod net;
 mod quadric;

@@ -3,8 +3,8 @@
 //! The part of the work that depends on topology alone is in `refine/step.rs` and memoized: a mesh whose vertices have only moved is
 //! refined by products.
 
-use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Refines a polyline towards a smooth curve.
 
-use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, Estimate, In, Limit, Node, TooMuch};
+use maquette_node::{Context, Error, Estimate, In, Limit, Node, TooMuch};
+use maquette_value::{Curve, CurveError};
 use nalgebra::{Point3, center};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -175,7 +175,7 @@ mod tests {
             "a curve of 30 levels more would need about 3 200 000 000 points, at most 4 200 000 are made: choose fewer `levels`"
         );
         assert!(subdivide_curve(&ring, CurveScheme::Cubic, u32::MAX).is_err());
-        let knots = maquette::value::KnotVector::uniform(3, 3).unwrap();
+        let knots = maquette_value::KnotVector::uniform(3, 3).unwrap();
         let spline = Curve::rational(ring.points().to_vec(), vec![1.0; 3], knots).unwrap();
         assert_eq!(
             subdivide_curve(&spline, CurveScheme::Cubic, 1),

@@ -1,7 +1,7 @@
 //! Why a mesh cannot be refined.
 
-use maquette::value::MeshError;
-use maquette::{Cancelled, TooMuch};
+use maquette_node::{Cancelled, TooMuch};
+use maquette_value::MeshError;
 
 /// Why a mesh cannot be refined.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

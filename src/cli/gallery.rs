@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_format::png;
+use maquette_render::{View, render};
 use maquette_syntax::any_of;
 use maquette_value::AnyValue;
 use maquette_value::plain;
@@ -14,9 +16,7 @@ use super::caching::CacheOptions;
 use super::files::is_no_graph;
 use super::{Exit, all_outputs, counted, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
-use crate::format::png;
 use crate::graph::{Graph, Options, Subgraph};
-use crate::render::{View, render};
 use crate::session::Session;
 use crate::suite::FileKind;
 use crate::writing::{Destination, Refused, Sources};
@@ -43,7 +43,7 @@ const FRONT: View = View {
     yaw: 0.0,
     pitch: 0.0,
     zoom: 1.0,
-    projection: crate::render::Projection::Perspective,
+    projection: maquette_render::Projection::Perspective,
     aim: None,
 };
 

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_format::png;
 use maquette_node::CancelToken;
 use maquette_node::pack::NewFile;
+use maquette_render::{Kind, View, picture_of};
 use maquette_syntax::error::{Error, Problem, code};
 use maquette_syntax::with_article;
 use maquette_value::plain::ending;
@@ -20,10 +22,8 @@ use super::new::in_meters;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
 use crate::catalog::Catalog;
-use crate::format::png;
 use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use crate::probe::{self, shown};
-use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};
 

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_format::png;
 use maquette_node::CancelToken;
+use maquette_render::{Kind, Projection, View};
 use maquette_value::Image;
 use maquette_value::plain::ending;
 
@@ -15,8 +17,6 @@ use super::look::{At, Over, Request, Source, at, place};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
-use crate::format::png;
-use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};
 

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_format::png;
+use maquette_render::{Kind, Look, View, picture};
 use maquette_syntax::inside;
 use maquette_value::{Image, Layer, Rgb};
 use serde_json::Value as Json;
@@ -13,9 +15,7 @@ use super::files::{is_no_graph, without};
 use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
 use crate::catalog::Catalog;
-use crate::format::png;
 use crate::graph::{Graph, Options};
-use crate::render::{Kind, Look, View, picture};
 use crate::session::Session;
 use crate::writing::{Destination, Sources};
 

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
+use maquette_format::camera;
 use maquette_syntax::error::{Problem, code};
 use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
@@ -21,7 +22,6 @@ use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::files::named_in;
-use crate::format::camera;
 use crate::graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use crate::page::{Page, Redirect, Wish};
 use crate::watch::{self, Event, Sources, WatchList};

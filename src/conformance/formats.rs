@@ -72,12 +72,12 @@ fn mistaken(format: &Format, value: &AnyValue) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_format::FORMATS;
     use maquette_node::pack::{Content, FileFormat, NewFile, format};
     use maquette_syntax::error::Error;
     use maquette_value::{Hash, Mask, Mesh};
 
     use super::*;
-    use crate::format::FORMATS;
 
     #[test]
     fn pieces_of_all_formats_are_those_of_the_whole_file() {

@@ -106,7 +106,7 @@ fn count(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const FILE: &[u8] = include_bytes!("../../tests/data/formats/minolta.abs");
 

@@ -200,7 +200,7 @@ pub(super) fn is_rigid(motion: &Matrix4<f64>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const FILE: &str = r#"{
         "units": "mm",

@@ -3,7 +3,7 @@
 use maquette_node::reading::{Readers, Reading};
 use maquette_value::{Mesh, Points, value_type};
 
-use crate::format::READERS;
+use crate::READERS;
 
 #[test]
 fn the_type_and_the_ending_choose_the_reader() {
@@ -21,10 +21,10 @@ fn the_type_and_the_ending_choose_the_reader() {
 #[test]
 fn the_mark_of_a_text_is_no_part_of_it_nor_of_what_it_names() {
     let cube = b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 9\nf 1 2 3\n";
-    let mesh: Mesh = crate::format::read(&Reading::alone("a.obj", cube)).unwrap();
+    let mesh: Mesh = crate::read(&Reading::alone("a.obj", cube)).unwrap();
     assert_eq!(mesh.positions().len(), 4);
     let points = Reading::alone("a.xyz", b"\xef\xbb\xbf1 2 3\n");
-    assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 1);
+    assert_eq!(crate::read::<Points>(&points).unwrap().positions().len(), 1);
     let beside = |_: &str| Ok(b"\xef\xbb\xbfnewmtl a\n"[..].into());
     let named = Reading::new("a.obj", cube, &beside).companion("a.mtl").unwrap();
     assert_eq!(&named[..], b"newmtl a\n");

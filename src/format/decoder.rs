@@ -171,7 +171,7 @@ mod tests {
     use expect_test::{Expect, expect};
     use maquette_value::Image;
 
-    use crate::format::{hostile, most_memory, picture_file, png, tiff};
+    use crate::{hostile, most_memory, picture_file, png, tiff};
 
     /// Bytes as a small generator makes them, the same every time.
     fn noise(count: usize) -> Vec<u8> {

@@ -231,8 +231,8 @@ mod tests {
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
-    use crate::format::range_file::tests::is_grid;
-    use crate::format::{camera, hostile};
+    use crate::range_file::tests::is_grid;
+    use crate::{camera, hostile};
 
     const PNG: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
     const TIFF: &[u8] = include_bytes!("../../tests/data/formats/depth32f.tiff");

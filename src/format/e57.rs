@@ -252,7 +252,7 @@ impl FileReader for PointsE57 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     // A scan with colors, turned by a quarter about z and moved, whose second point is invalid; and one without colors and pose.
     const SCANS: &[u8] = include_bytes!("../../tests/data/formats/two_scans.e57");

@@ -95,7 +95,7 @@ mod tests {
     };
 
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     /// A file of these channels, each of 3 x 2 numbers.
     fn file(channels: &[(&str, [f32; 6])]) -> Vec<u8> {

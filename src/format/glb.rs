@@ -27,7 +27,7 @@ mod read;
 mod scene;
 
 pub use gltf::GltfError;
-pub(in crate::format) use gltf::MeshGltf;
+pub(crate) use gltf::MeshGltf;
 pub use read::{GlbReadError, read};
 
 /// Why a mesh cannot be written as GLB.

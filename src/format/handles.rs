@@ -187,7 +187,7 @@ impl FileFormat for HandlesJson {
 }
 
 /// Reads handles from RON.
-pub(in crate::format) struct HandlesRon;
+pub(crate) struct HandlesRon;
 
 impl FileReader for HandlesRon {
     type Value = Handles;
@@ -208,7 +208,7 @@ impl FileReader for HandlesJson {
 }
 
 /// Reads handles from CSV.
-pub(in crate::format) struct HandlesCsv;
+pub(crate) struct HandlesCsv;
 
 impl FileReader for HandlesCsv {
     type Value = Handles;

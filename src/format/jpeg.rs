@@ -164,7 +164,7 @@ fn outline(bytes: &[u8]) -> Option<Outline> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const PHOTO: &[u8] = include_bytes!("../../tests/data/formats/photo.jpg");
     const PROGRESSIVE: &[u8] = include_bytes!("../../tests/data/formats/progressive.jpg");

@@ -156,7 +156,7 @@ impl FileReader for PointsLas {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     // LAS 1.4, points of format 7, with 16-bit colors, some 5000 km from the origin.
     const SURVEY: &[u8] = include_bytes!("../../tests/data/formats/survey.las");

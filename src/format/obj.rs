@@ -314,7 +314,7 @@ fn numbers<'a, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     /// A square of two triangles and a quad below it, in all ways to write a corner.
     const PATCH: &str = "# a comment\nmtllib a.mtl\no patch\nv 0 0 0\r\nv 1 0 0 # another\nv 1 1 0\nv 0 1 0 1.0\n\

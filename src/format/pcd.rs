@@ -387,7 +387,7 @@ pub fn encode(range: &RangeImage) -> Result<Vec<u8>, TooFar> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const ASCII: &[u8] = include_bytes!("../../tests/data/formats/ascii.pcd");
     const BINARY: &[u8] = include_bytes!("../../tests/data/formats/binary.pcd");

@@ -104,7 +104,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
 }
 
 /// Reads a picture, whatever its ending says; `camera.json` beside it says which camera took it.
-pub(in crate::format) struct ImageFiles;
+pub(crate) struct ImageFiles;
 
 impl FileReader for ImageFiles {
     type Value = Image;
@@ -122,7 +122,7 @@ impl FileReader for ImageFiles {
 }
 
 /// Reads a picture as a mask: what is nearer to white than to black is inside.
-pub(in crate::format) struct MaskFiles;
+pub(crate) struct MaskFiles;
 
 impl FileReader for MaskFiles {
     type Value = Mask;

@@ -413,7 +413,7 @@ mod tests {
     use maquette_node::reading::Reading;
 
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const GRIDS: [&[u8]; 4] = [
         include_bytes!("../../tests/data/formats/range_grid_ascii.ply"),
@@ -493,11 +493,11 @@ mod tests {
             property float ny\nproperty float nz\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n\
             0 1 0 0 0 1\nnan 0 0 nan nan nan\n5 5 inf 0 0 1\n3 0 1 2\n3 1 3 2\n";
         let mesh = Reading::alone("a.ply", file.as_bytes());
-        assert_eq!(crate::format::read::<Mesh>(&mesh).unwrap().faces().len(), 1);
+        assert_eq!(crate::read::<Mesh>(&mesh).unwrap().faces().len(), 1);
         let why = "a coordinate is NaN or infinite";
         assert_eq!(mesh.doubts(), [format!("1 face is left out: {why}")]);
         let points = Reading::alone("a.ply", file.as_bytes());
-        assert_eq!(crate::format::read::<Points>(&points).unwrap().positions().len(), 3);
+        assert_eq!(crate::read::<Points>(&points).unwrap().positions().len(), 3);
         assert_eq!(points.doubts(), [format!("2 points are left out: {why}")]);
     }
 

@@ -264,7 +264,7 @@ impl FileFormat for FieldPng {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const COLOR: &[u8] = include_bytes!("../../tests/data/formats/colour_2x.png");
     const DEPTH: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");

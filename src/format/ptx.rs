@@ -231,8 +231,9 @@ fn encode(range: &RangeImage) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
-    use crate::format::range_file::{Axes, tests::is_grid};
+    use crate::hostile;
+    use crate::range_file::Axes;
+    use crate::range_file::tests::is_grid;
 
     const PLAIN: &[u8] = include_bytes!("../../tests/data/formats/norgb.ptx");
     const COLORED: &[u8] = include_bytes!("../../tests/data/formats/rgb.ptx");

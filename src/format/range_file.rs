@@ -145,7 +145,7 @@ fn upside_down(range: &RangeImage) -> Result<RangeImage, SizeError> {
 }
 
 /// Reads a range image in mm; `camera.json` beside it says which camera took it, and where it is in the picture of the same capture.
-pub(in crate::format) struct RangeFiles;
+pub(crate) struct RangeFiles;
 
 impl FileReader for RangeFiles {
     type Value = RangeImage;
@@ -176,7 +176,7 @@ pub(super) mod tests {
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");
 
     /// The points and colors that every file of the test grid holds; no point for a hole.
-    pub(in crate::format) fn grid() -> (Vec<Option<[f64; 3]>>, Vec<Rgb>) {
+    pub(crate) fn grid() -> (Vec<Option<[f64; 3]>>, Vec<Rgb>) {
         let grid: serde_json::Value = serde_json::from_str(GRID).unwrap();
         let points: Vec<Vec<_>> = serde_json::from_value(grid["xyz"].clone()).unwrap();
         let colors: Vec<Vec<_>> = serde_json::from_value(grid["rgb"].clone()).unwrap();
@@ -184,7 +184,7 @@ pub(super) mod tests {
     }
 
     /// Checks that a range image is the test grid, to this distance in mm; colors count where a cell is valid.
-    pub(in crate::format) fn is_grid(range: &RangeImage, colored: bool, tolerance: f64) {
+    pub(crate) fn is_grid(range: &RangeImage, colored: bool, tolerance: f64) {
         assert_eq!((range.width(), range.height()), (8, 6));
         let (points, colors) = grid();
         for cell in 0..48 {

@@ -264,7 +264,7 @@ mod tests {
     use maquette_value::Faces;
 
     use super::*;
-    use crate::format::{glb, hostile, obj, ply};
+    use crate::{glb, hostile, obj, ply};
 
     const TEXT: &str = "solid a square\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1 0\n\
         \u{20} endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 1 0\n   vertex 0 1 -0.5e0\n\

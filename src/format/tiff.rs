@@ -302,7 +302,7 @@ impl FileFormat for MaskTiff {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const LZW: &[u8] = include_bytes!("../../tests/data/formats/lzw.tiff");
     const RGBA: &[u8] = include_bytes!("../../tests/data/formats/deflate_rgba.tiff");

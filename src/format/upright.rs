@@ -71,11 +71,11 @@ mod tests {
     use maquette_value::{CaptureFrame, Faces};
 
     use super::*;
-    use crate::format::glb::MeshGlb;
-    use crate::format::obj::MeshObj;
-    use crate::format::ply::MeshPly;
-    use crate::format::stl::MeshStl;
-    use crate::format::{glb, obj, ply, stl};
+    use crate::glb::MeshGlb;
+    use crate::obj::MeshObj;
+    use crate::ply::MeshPly;
+    use crate::stl::MeshStl;
+    use crate::{glb, obj, ply, stl};
 
     /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
     fn captured() -> Mesh {

@@ -208,7 +208,7 @@ impl FileReader for PointsXyz {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const FILE: &[u8] = include_bytes!("../../tests/data/formats/points.xyz");
 

@@ -8,7 +8,9 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use maquette_format::png;
 use maquette_node::pack::NewFile;
+use maquette_render::{View, render};
 use maquette_value::parallel::*;
 use maquette_value::{
     AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
@@ -18,8 +20,6 @@ use nalgebra::Point3;
 
 use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, GoldenColumn, GoldenParts};
-use crate::format::png;
-use crate::render::{View, render};
 
 mod judge;
 #[cfg(test)]

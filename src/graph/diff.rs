@@ -17,7 +17,7 @@ use super::check::{first, folder_of};
 use super::describe::Subgraph;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::migrate::renewed_graph;
-use super::moved::seen_from;
+use super::rebase::seen_from;
 use super::patch::{is_patch, patched_tree};
 use super::{Files, Options};
 use crate::catalog::Catalog;

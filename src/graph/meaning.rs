@@ -17,10 +17,13 @@ use super::describe::Subgraph;
 use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::fitting::{declaration_in_own_unit, in_plain_numbers};
-use super::minimal::{EMPTY, is_empty, is_usual_most};
+use super::repeat::MOST;
 use super::parameters::is_computed;
 use super::quality::{draft_of, is_draft};
 use crate::catalog::{Catalog, Entry};
+
+/// The fields of a graph that say nothing if there is nothing in them.
+pub(super) const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
 /// The parts of a graph whose entries have names.
 pub(super) const SECTIONS: [(&str, &str); 5] = [
@@ -545,4 +548,21 @@ pub(super) fn show(tree: &Tree) -> String {
         }
         Kind::Broken => "?".into(),
     }
+}
+
+/// Whether a value holds nothing.
+pub(super) fn is_empty(value: &Tree) -> bool {
+    match &value.kind {
+        Kind::Text(text) => text.is_empty(),
+        Kind::List(items) => items.is_empty(),
+        Kind::Map(entries) => entries.is_empty(),
+        Kind::Call { name: None, body } => *body == Body::Empty,
+        _ => false,
+    }
+}
+
+/// Whether a field of a `ForEach` says what most of its elements may be where it does not say it.
+pub(super) fn is_usual_most(field: &Field) -> bool {
+    let is_usual = matches!(&field.value.kind, Kind::Number { value, .. } if *value == MOST as f64);
+    field.name.text == "most" && is_usual
 }

@@ -196,7 +196,8 @@ impl Readers {
     ///
     /// # Errors
     /// If none does: what each of them says.
-    pub(crate) fn read_any(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
+    #[doc(hidden)]
+    pub fn read_any(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let ending = file.ending();
         let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
         let (mut bare, mut refused) = (None, Vec::new());

@@ -18,6 +18,9 @@ use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use maquette_format::png;
+use maquette_render as render;
+use maquette_render::{Ground, Kind, Look, View};
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 use tokio::task::JoinHandle;
@@ -25,8 +28,6 @@ use tokio::task::JoinHandle;
 use super::news::Missed;
 use super::shown::changes;
 use super::{About, Location, Question, Shared, Sight, Viewed, Views, Wish};
-use crate::format::png;
-use crate::render::{self, Ground, Kind, Look, View};
 
 /// The files of the page: path, type, content.
 const FILES: &[(&str, &str, &str)] = &[

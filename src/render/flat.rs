@@ -30,15 +30,13 @@ pub struct Below<'a> {
 }
 
 /// A picture of a graph on which another one lies, as [`Below`] without a borrow.
-#[cfg(feature = "cli")]
 #[derive(Clone)]
-pub(crate) struct Ground {
+pub struct Ground {
     /// An [`Image`].
     pub(crate) image: maquette_value::AnyValue,
     pub(crate) registration: Option<Registration>,
 }
 
-#[cfg(feature = "cli")]
 impl Ground {
     pub(crate) fn below(&self) -> Option<Below<'_>> {
         self.image.get().map(|image| Below { image, registration: self.registration })

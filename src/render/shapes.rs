@@ -27,7 +27,7 @@ const CHUNK: usize = 8192;
 const NONE: u32 = u32::MAX;
 
 /// All that a value shows in space.
-pub(crate) struct Shapes {
+pub struct Shapes {
     /// Which way its axes go.
     pub(crate) axes: Axes,
     pub(crate) ruler: Ruler,
@@ -37,7 +37,7 @@ pub(crate) struct Shapes {
 
 /// How places are measured.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) struct Ruler {
+pub struct Ruler {
     /// From where, in mm.
     pub(crate) center: Point3<f64>,
     /// The unit, in mm.
@@ -45,7 +45,7 @@ pub(crate) struct Ruler {
 }
 
 /// One mesh.
-pub(crate) struct Shape {
+pub struct Shape {
     mesh: Mesh,
     ruler: Ruler,
     /// Whether it is made of points, lines and arrows.

@@ -1,5 +1,6 @@
 use maquette_value::{
-    Attribute, Axes, CaptureFrame, Faces, Lines, PLAIN, Picture, Registration, TYPES,
+    Attribute, Axes, CaptureFrame, Faces, Image, Layer, Lines, Mesh, PLAIN, Picture, Registration,
+    Rgb, TYPES,
 };
 use nalgebra::Point3;
 

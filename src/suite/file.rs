@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_format::handles;
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
 use maquette_syntax::first_word;
 use maquette_value::HandleSpace;
 
 use crate::batch;
 use crate::catalog::Catalog;
-use crate::format::handles;
 use crate::golden::case::{self, TestFile};
 use crate::graph::{Graph, InputValues, Options};
 

@@ -1,14 +1,14 @@
 //! Pictures for the report: what was, what is, and how far apart they are.
 
+use maquette_format::png;
+use maquette_render::{View, render};
 use maquette_value::{AnyValue, Attribute, Image, Mesh, Rgb};
 use nalgebra::Point3;
 
 use super::Compared;
-use crate::format::png;
 use crate::golden::compare::{distances, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::store::{Golden, every, picture_of};
-use crate::render::{View, render};
 
 /// A picture with its caption; two are shown in turn.
 pub(crate) struct Figure {

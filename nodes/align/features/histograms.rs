@@ -1,6 +1,6 @@
 //! What the surface around a point looks like, in numbers that do not change when it moves.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 
 use crate::cloud::Cloud;
 

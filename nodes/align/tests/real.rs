@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use maquette::format::camera;
+use maquette_format::camera;
 use maquette_range::{Axes, Unit, read_range};
 use nalgebra::Quaternion;
 

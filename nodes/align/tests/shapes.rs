@@ -1,6 +1,6 @@
 //! Surfaces to scan.
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use maquette_scan::Scan;
 use nalgebra::{Isometry3, Point3, Vector3};
 

@@ -1,6 +1,6 @@
 //! How data on the elements of a mesh become data on the elements of another one that is made of it.
 
-use maquette::value::Attribute;
+use maquette_value::Attribute;
 
 use super::mix::Mix;
 use super::stencils::Stencils;

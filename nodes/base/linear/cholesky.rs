@@ -7,8 +7,8 @@
 
 use std::collections::BTreeMap;
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Progress};
 
 pub use dissection::{Dissection, Links};
 use front::Front;

@@ -2,7 +2,7 @@
 //!
 //! Sums are taken of fixed chunks and added in their order, so that they are the same for any number of threads.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 
 use super::missed::Missed;
 

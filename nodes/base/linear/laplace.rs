@@ -4,7 +4,7 @@
 //! preconditioner, or for a large part, whose width would decide how many steps are taken, coarser grids. Sums run in index order, so that
 //! the result is the same for any number of threads.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use thiserror::Error;
 
 use super::multigrid::{Grid, Multigrid, NONE};

@@ -4,9 +4,9 @@
 //! "FORTRAN codes for estimating the one-norm of a real or complex matrix" (1988), algorithm 2.1 after Hager (1984). All sums
 //! run in index order, so that the result is the same on every machine.
 
-use maquette::Memo;
-use maquette::simd::{Kernel, widest};
-use maquette::value::{Column, Encoder};
+use maquette_value::Memo;
+use maquette_value::simd::{Kernel, widest};
+use maquette_value::{Column, Encoder};
 
 /// A matrix and its factors: `rows` of `matrix` in order = `L U`.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Data of which weighted means can be taken.
 
-use maquette::value::Rgb;
+use maquette_value::Rgb;
 use nalgebra::Point3;
 
 /// Data of which weighted means can be taken.

@@ -3,7 +3,7 @@
 //! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one, over which a correction is
 //! constant. Such corrections are too small, and are enlarged. So conjugate gradients take some dozens of steps, however wide the part is.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 
 use super::cholesky::{Cholesky, Symmetric};
 

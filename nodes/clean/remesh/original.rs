@@ -1,6 +1,6 @@
 //! The surface that is given new triangles: as triangles that know their neighbors, and as what new vertices are put on.
 
-use maquette::value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
+use maquette_value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 use maquette_base::topology::union_find::UnionFind;

@@ -1,4 +1,4 @@
-use maquette::value::{Attribute, Faces};
+use maquette_value::{Attribute, Faces};
 use nalgebra::Point3;
 
 use super::*;
@@ -199,7 +199,7 @@ fn the_bytes_are_the_same_for_any_number_of_threads() {
 
 #[test]
 fn noise_makes_no_fold_and_no_crease_of_short_bits() {
-    let mut random = maquette::random::Random(5);
+    let mut random = maquette_value::random::Random(5);
     let ball = even(&ball(40), 0.7);
     let noisy = ball.positions().iter().map(|p| p * (1.0 + 0.01 * (random.even() - 0.5)));
     let noisy = ball.with_positions(noisy.collect()).unwrap();

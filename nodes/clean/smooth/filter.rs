@@ -1,7 +1,7 @@
 //! A low-pass filter on the vertices of a net.
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;

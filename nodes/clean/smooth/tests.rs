@@ -1,5 +1,5 @@
-use maquette::random::Random;
-use maquette::value::Faces;
+use maquette_value::random::Random;
+use maquette_value::Faces;
 use nalgebra::Vector3;
 
 use super::*;

@@ -1,7 +1,7 @@
 //! Why captures were not put on a mesh.
 
-use maquette::value::MeshError;
-use maquette::{Cancelled, TooMuch};
+use maquette_value::MeshError;
+use maquette_node::{Cancelled, TooMuch};
 
 use super::super::layout::LayoutError;
 

@@ -1,6 +1,6 @@
 //! Where a camera sees places.
 
-use maquette::value::{Mesh, Pinhole};
+use maquette_value::{Mesh, Pinhole};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, SMatrix, SVector, Vector2, Vector3, Vector4};
 
 use super::super::atlas::corner_uv;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
 use nalgebra::{DMatrix, DVector};
 

@@ -1,7 +1,7 @@
 //! Values that change slowly over a surface.
 
-use maquette::value::Mesh;
-use maquette::{Cancelled, Progress};
+use maquette_value::Mesh;
+use maquette_node::{Cancelled, Progress};
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
 

@@ -1,6 +1,6 @@
 use std::f64::consts::{PI, TAU};
 
-use maquette::value::{Attribute, CaptureFrame, Faces, Pinhole};
+use maquette_value::{Attribute, CaptureFrame, Faces, Pinhole};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Vector3};
 
 use super::super::light::{channel, light};

@@ -1,6 +1,6 @@
 //! A piece of a surface that lies flat.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;

@@ -1,6 +1,6 @@
 //! Charts in a square, without overlap.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Vector2;
 
 /// A chart to be packed.

@@ -3,8 +3,8 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
 
-use maquette::value::Mesh;
-use maquette::{Cancelled, Progress};
+use maquette_value::Mesh;
+use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::Vector3;

@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
-use maquette::value::Faces;
+use maquette_value::Faces;
 use nalgebra::Point3;
 use robust::{Coord, orient2d};
 

@@ -3,8 +3,9 @@
 //! A deformation is linear in its targets. What a unit step of one handle does to each point is a field of numbers that depends
 //! on the layout alone; a drag adds multiples of such fields to what the handles do at rest, without a single power.
 
-use maquette::value::{Column, Encoder, Handles};
-use maquette::{Error, Memo, Progress};
+use maquette_value::{Column, Encoder, Handles};
+use maquette_node::{Error, Progress};
+use maquette_value::Memo;
 use nalgebra::{Matrix3, Point3};
 
 use super::object::{bounds, points, rebuilt, wanted};

@@ -1,8 +1,8 @@
 //! What can be deformed, as points and back.
 
-use maquette::parallel::*;
-use maquette::simd::{Kernel, widest};
-use maquette::value::{Attribute, Mesh, Points};
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, widest};
+use maquette_value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
 
 use crate::FfdError;

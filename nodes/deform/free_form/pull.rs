@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use maquette::value::{Column, Handles};
-use maquette::{Cancelled, Progress};
+use maquette_value::{Column, Handles};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

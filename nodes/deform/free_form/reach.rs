@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{Column, Encoder};
-use maquette::{Error, Memo};
+use maquette_value::parallel::*;
+use maquette_value::{Column, Encoder};
+use maquette_node::Error;
+use maquette_value::Memo;
 use nalgebra::{Point3, Vector3};
 
 use super::object::{Ends, around, ends_of};

@@ -1,6 +1,6 @@
 //! What is to be known of a deformation.
 
-use maquette::Context;
+use maquette_node::Context;
 
 use super::object::points;
 use crate::gaussian::layout::Bounds;

@@ -4,8 +4,8 @@
 //! difference of two exponents is a sum of parabolas, one per axis, whose maximum over the cell is exact. So the test holds for
 //! points far from all handles, too, where only the ratio of two vanishing powers counts.
 
-use maquette::parallel::*;
-use maquette::simd::{Kernel, ROUGHLY, widest};
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, ROUGHLY, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::{Deformation, NONE_NEAR, Term};

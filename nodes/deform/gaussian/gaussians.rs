@@ -10,7 +10,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use maquette::simd::{Fused, FusedKernel, Software, exp2, widest_fused};
+use maquette_value::simd::{Fused, FusedKernel, Software, exp2, widest_fused};
 use nalgebra::Point3;
 
 /// One Gaussian: `2^(level + sum over the axes of factor * (x - center)^2)`.

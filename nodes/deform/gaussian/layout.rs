@@ -1,7 +1,7 @@
 //! Handles made ready: in mm, with their deviations chosen, and no two of them at one place.
 
-use maquette::Memo;
-use maquette::value::{Encoder, Handle, HandleSpace, Handles};
+use maquette_value::Memo;
+use maquette_value::{Encoder, Handle, HandleSpace, Handles};
 use nalgebra::{Point3, Vector3};
 
 use super::gaussians::Gaussians;

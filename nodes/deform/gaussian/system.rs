@@ -2,8 +2,9 @@
 //!
 //! With `M_ji` the share that handle i has of the place of handle j, the coefficients solve `M V = T`, one column per axis.
 
-use maquette::value::Encoder;
-use maquette::{Error, Memo};
+use maquette_value::Encoder;
+use maquette_node::Error;
+use maquette_value::Memo;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::Affine;

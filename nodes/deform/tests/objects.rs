@@ -1,6 +1,6 @@
 //! What is deformed: meshes, range images, points, curves and nets; and by how many threads.
 
-use maquette::value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, RangeImage};
+use maquette_value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, RangeImage};
 
 use super::super::Drag;
 use super::super::free_form::object;
@@ -133,7 +133,7 @@ fn pull() -> Vec<Handle> {
 fn a_range_image_keeps_its_holes_and_its_camera() {
     let hole = Point3::new(f64::NAN, 0.0, 0.0);
     let points = vec![Point3::origin(), hole, Point3::new(1.0, 1.0, 1.0), hole];
-    let camera = maquette::value::Pinhole { focal: [1.0; 2], center: [0.0; 2] };
+    let camera = maquette_value::Pinhole { focal: [1.0; 2], center: [0.0; 2] };
     let range = RangeImage::new(2, 2, points).unwrap().with_camera(Some(camera));
     let (there, _) = apply(&Movable::RangeImage(range), &pull(), how(Mode::Displacement));
     let Movable::RangeImage(there) = there else { panic!("a range image stays one") };
@@ -198,7 +198,7 @@ fn any_number_of_threads_gives_the_same_bits() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let (moved, _) = pool.install(|| apply(&mesh, &handles, how));
             let mesh = mesh_of(moved);
-            maquette::hash_of(&mesh)
+            maquette_value::hash_of(&mesh)
         };
         assert!([2, 8].iter().all(|&threads| run(threads) == run(1)));
     }

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use maquette::value::{Attribute, Mesh, MeshError};
+use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 
 use crate::exemplar::{Copies, Sources};

@@ -1,6 +1,6 @@
 //! The colors that count when exemplars are compared.
 
-use maquette::value::{Color, Image, Mesh};
+use maquette_value::{Color, Image, Mesh};
 
 use super::carry::Carry;
 use crate::exemplar::Shown;

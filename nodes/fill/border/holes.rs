@@ -1,6 +1,6 @@
 //! Which rims of a mesh are holes, and which of these are chosen.
 
-use maquette::value::{Mesh, MeshError};
+use maquette_value::{Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

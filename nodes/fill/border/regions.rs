@@ -1,6 +1,6 @@
 //! Cuts damaged data out of a mesh.
 
-use maquette::value::{Attribute, Faces, Mesh, MeshError};
+use maquette_value::{Attribute, Faces, Mesh, MeshError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! The rims of a mesh: the boundary loops into which its border is cut, none of which visits a vertex twice.
 
-use maquette::parallel::*;
-use maquette::value::{Faces, Mesh};
+use maquette_value::parallel::*;
+use maquette_value::{Faces, Mesh};
 use nalgebra::Vector3;
 
 use crate::triangles::triangulation::{NONE, next, previous};

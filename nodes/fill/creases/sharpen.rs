@@ -4,7 +4,7 @@
 //! crease between them, or at the corner where three meet. Then vertices slide along their segments, and those of creases along the
 //! creases. So creases end at the rim where those of the data do.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::charts::{Charts, Edge};

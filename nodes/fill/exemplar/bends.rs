@@ -7,7 +7,7 @@
 //! Ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, there for the values of pixels. Angles and
 //! their gradients: Grinspun, Hirani, Desbrun and Schröder, "Discrete shells" (2003).
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;

@@ -1,6 +1,6 @@
 //! How similar a patch is to an exemplar.
 
-use maquette::simd::{Kernel, widest};
+use maquette_value::simd::{Kernel, widest};
 
 use super::frame::Turn;
 use super::heights::{LANES, Sample, View};

@@ -1,7 +1,7 @@
 //! What a completion starts from, works with and gives.
 
-use maquette::value::TraceStep;
-use maquette::{Cancelled, Progress};
+use maquette_value::TraceStep;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::detail::Detail;

@@ -1,6 +1,6 @@
 //! Descriptors of height fields: their principal components, in a few numbers.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::frame::Turn;

@@ -1,7 +1,7 @@
 //! The exemplars, of which the missing surface is made: the surroundings of data vertices, as height fields.
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;
@@ -187,7 +187,7 @@ impl Source<'_> {
         progress: &Progress<'_>,
     ) -> Measured {
         let count = chosen.len();
-        let mut heights = maquette::memory::huge_vec(count * NODES);
+        let mut heights = maquette_value::memory::huge_vec(count * NODES);
         let straight = Turn::all(1, false)[0];
         let blocks = chosen.par_chunks(BLOCK).zip(heights.par_chunks_mut(BLOCK * NODES));
         let measure = |marks: &mut Marks, (chosen, heights): (&[u32], &mut [f32])| {

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use maquette::simd::{Kernel, widest};
+use maquette_value::simd::{Kernel, widest};
 use nalgebra::{Point3, Vector3};
 
 use super::frame::{Frame, Turn};

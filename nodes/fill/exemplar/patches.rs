@@ -1,6 +1,6 @@
 //! The patches of a level: which points are compared, and which of them move.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{Marks, NONE, Surface};

@@ -1,7 +1,7 @@
 //! The completion as it is published: the density of what is filled changes with the levels.
 
-use maquette::Progress;
-use maquette::value::TraceStep;
+use maquette_node::Progress;
+use maquette_value::TraceStep;
 
 use super::cells;
 use super::completion::{Completed, Completion, Copies, FEWEST, Given, areas, distances};

@@ -1,6 +1,6 @@
 //! How rough a part of a surface is.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{NONE, Surface};

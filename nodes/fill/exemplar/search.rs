@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::simd::{Kernel, widest};
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, widest};
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;

@@ -1,6 +1,6 @@
 //! Which part of a picture on the data belongs on each filled face.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::exemplars::Exemplars;

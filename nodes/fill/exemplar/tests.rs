@@ -1,4 +1,4 @@
-use maquette::Progress;
+use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 use rayon::ThreadPoolBuilder;
 

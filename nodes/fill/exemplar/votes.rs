@@ -1,6 +1,6 @@
 //! The attributes of filled vertices, as means over the exemplars of the patches around them.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::exemplars::Exemplars;

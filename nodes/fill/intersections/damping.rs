@@ -1,6 +1,6 @@
 //! Damps the displacements of a completion where the completed surface intersects itself or the data.
 
-use maquette::Progress;
+use maquette_node::Progress;
 use nalgebra::Point3;
 
 use super::detect::Intersections;

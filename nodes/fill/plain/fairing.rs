@@ -5,7 +5,7 @@
 //! whose curvature varies evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design"
 //! (2001).
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use crate::border::rim::Rim;

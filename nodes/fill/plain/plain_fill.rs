@@ -1,6 +1,6 @@
 //! Fills one hole without exemplars: flat, as a membrane, as a thin plate, or with the creases of the data.
 
-use maquette::Progress;
+use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 
 use super::fairing::{Energy, fair};

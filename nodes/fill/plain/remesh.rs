@@ -1,6 +1,6 @@
 //! Changes the density of the triangles that fill holes.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::fairing::{Energy, fair};

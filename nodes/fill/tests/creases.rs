@@ -1,6 +1,6 @@
 //! Whether sharp edges go on over holes.
 
-use maquette::value::TriangleTree;
+use maquette_value::TriangleTree;
 use nalgebra::Vector3;
 
 use super::super::shapes::nut::{is_lost, nut};

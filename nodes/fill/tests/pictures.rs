@@ -1,6 +1,6 @@
 //! What filled faces show of a picture.
 
-use maquette::value::Image;
+use maquette_value::Image;
 
 use super::super::exemplar::Shown;
 use super::*;

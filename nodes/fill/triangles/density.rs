@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use maquette::{Cancelled, Limit, Progress};
+use maquette_node::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::triangulation::{NONE, Triangulation, area_vector, next, previous};

@@ -1,6 +1,6 @@
 //! A mesh of triangles whose holes are being filled: first the data, which never changes, then the filled vertices and faces.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use nalgebra::Point3;
 
 use super::triangulation::Triangulation;

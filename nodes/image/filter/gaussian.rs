@@ -1,7 +1,7 @@
 //! Blurs levels with a Gaussian.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
 
 use super::gradient::Levels;
 

@@ -3,7 +3,7 @@
 //! Differences are taken along rows and columns; at the picture's border they are one-sided, so that nothing is made up
 //! beyond it. Levels that change evenly have the same gradient everywhere, the border included.
 
-use maquette::value::{Image, Mask, Rgb};
+use maquette_value::{Image, Mask, Rgb};
 
 use crate::operator::Operator;
 

@@ -6,7 +6,7 @@
 //! through it. The result does not depend on the order of the sweeps. The time is about that of three passes over the bits;
 //! a spiral needs a pass for each of its turns.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 
 /// Pixels in a word.
 pub(crate) const WORD: usize = u64::BITS as usize;
@@ -135,7 +135,7 @@ fn run_on(seeds: u64, weak: u64, carry: &mut bool) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Mask;
+    use maquette_value::Mask;
 
     use super::*;
     use crate::{Connectivity, label};

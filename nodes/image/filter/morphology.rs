@@ -3,7 +3,7 @@
 //! A square of radius r has (2 r + 1)^2 pixels. Everything beyond the picture's border is background, so that an object at
 //! the border is neither extended along the border nor eroded from it.
 
-use maquette::value::Mask;
+use maquette_value::Mask;
 
 /// Removes parts into which no square of this radius fits: erosion, then dilation. Radius 0 changes nothing.
 pub fn open(mask: &Mask, radius: usize) -> Mask {

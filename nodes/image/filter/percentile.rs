@@ -1,6 +1,6 @@
 //! The number below which a given share of many numbers lies.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 
 use super::hysteresis::{WORD, retain};
 

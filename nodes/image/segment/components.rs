@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{LabelRun, Labels, Mask};
+use maquette_value::parallel::*;
+use maquette_value::{LabelRun, Labels, Mask};
 
 use crate::connectivity::Connectivity;
 

@@ -1,8 +1,8 @@
 //! Marks the pixels of a picture by their color.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::{Image, Mask};
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
+use maquette_value::{Image, Mask};
 
 use super::select::{Select, measure};
 use crate::picture_error::{PictureError, check_size};

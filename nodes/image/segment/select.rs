@@ -1,6 +1,6 @@
 //! What a threshold selects, and how far a pixel is from that.
 
-use maquette::value::{Color, Image, Lab, Mask, Rgb};
+use maquette_value::{Color, Image, Lab, Mask, Rgb};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

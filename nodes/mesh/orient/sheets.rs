@@ -1,6 +1,6 @@
 //! The parts of a mesh whose faces can agree on a side.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use maquette_base::topology::lists::Lists;
 use thiserror::Error;
 

@@ -1,7 +1,7 @@
 //! Which side of a part is its outside.
 
-use maquette::parallel::*;
-use maquette::value::Mesh;
+use maquette_value::parallel::*;
+use maquette_value::Mesh;
 use maquette_base::solid_angle::half_solid_angle;
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};

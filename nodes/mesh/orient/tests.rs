@@ -1,6 +1,6 @@
 //! Which faces are turned.
 
-use maquette::value::{CaptureFrame, Faces};
+use maquette_value::{CaptureFrame, Faces};
 use nalgebra::Point3;
 
 use super::*;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 /// A place in a cube of cells or nodes: x, y, z.

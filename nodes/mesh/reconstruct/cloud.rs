@@ -1,6 +1,6 @@
 //! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
 
-use maquette::value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
+use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use crate::painted_colors::painted_colors;

@@ -8,8 +8,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Vector3;
 
 use super::surfels::{Pyramid, Surfel, place};

@@ -10,8 +10,8 @@
 //! Notation: `h` is the edge of a cell, `B_i` the trilinear function of node `i`, `K_ij` the integral of the product of the
 //! gradients of `B_i` and `B_j`.
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Limit, Progress, TooMuch};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 
 use super::cells::{CellIndex, Cube, Places, bell, corner_weights};

@@ -1,7 +1,7 @@
 //! Relaxes the reconstructed mesh along the surface, and drops components that the points do not support.
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::contour::Skin;

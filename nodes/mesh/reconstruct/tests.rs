@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
-use maquette::random::Random;
-use maquette::value::{Points, RangeImage};
+use maquette_value::random::Random;
+use maquette_value::{Points, RangeImage};
 
 use super::*;
 

@@ -1,7 +1,9 @@
 //! Tests of `blend`.
 
-use maquette::value::{self, Pinhole};
-use maquette::{Progress, hash_of};
+use maquette_value as value;
+use maquette_value::Pinhole;
+use maquette_node::Progress;
+use maquette_value::hash_of;
 use nalgebra::Unit;
 
 use super::super::control_net::tests::{range, region};

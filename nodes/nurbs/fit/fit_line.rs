@@ -1,7 +1,7 @@
 //! B-spline curves through or near points with given parameters: one direction of a fitted surface.
 
-use maquette::value::KnotVector;
-use maquette::{Cancelled, Progress};
+use maquette_value::KnotVector;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Vector3;
 
 use maquette_base::linear::banded::{Banded, Factors};

@@ -1,6 +1,6 @@
 //! The cells that a surface is written to.
 
-use maquette::value::{Chart, RangeImage, Region, Surface};
+use maquette_value::{Chart, RangeImage, Region, Surface};
 use nalgebra::Point3;
 
 use super::distance::from_border;

@@ -212,7 +212,7 @@ impl Sides {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Mask;
+    use maquette_value::Mask;
     use proptest::prelude::*;
 
     use super::*;

@@ -1,6 +1,6 @@
 //! How far the cells of a region lie from its border.
 
-use maquette::value::Region;
+use maquette_value::Region;
 
 /// For each cell of the region the distance from the nearest cell outside of it, in cells between their centers; infinite where
 /// that is more than `most`. The end of the grid is no border.

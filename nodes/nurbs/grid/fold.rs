@@ -1,6 +1,6 @@
 //! Finds where a range grid stops being seen from the sensor: a cell in front of its neighbors' sight line.
 
-use maquette::value::Pinhole;
+use maquette_value::Pinhole;
 use nalgebra::Point3;
 
 /// How many of the cells `changed` touch a square of four cells whose picture on the sensor was on its front before and is turned

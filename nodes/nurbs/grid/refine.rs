@@ -3,8 +3,8 @@
 //! Each cell becomes `rows x columns` smaller ones that cover the same area. Everything on the old grid is interpolated
 //! bilinearly between the centers of its cells, and continued in a straight line beyond the outermost ones.
 
-use maquette::parallel::*;
-use maquette::value::{Pinhole, RangeImage, Registration, SizeError};
+use maquette_value::parallel::*;
+use maquette_value::{Pinhole, RangeImage, Registration, SizeError};
 use nalgebra::{Point3, Vector3};
 
 use super::canvas::{Canvas, Target};

@@ -1,6 +1,6 @@
 //! How far a surface misses the scan at the border of its region.
 
-use maquette::value::Region;
+use maquette_value::Region;
 use nalgebra::Point3;
 
 /// The seam that a blend leaves.

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-use maquette::Progress;
-use maquette::value::{RangeImage, Region};
+use maquette_node::Progress;
+use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
 use maquette_base::linear::laplace::{self, Unsolved};

@@ -1,6 +1,7 @@
 //! Which points of a net lie in a part of the range grid.
 
-use maquette::value::{self, Region};
+use maquette_value as value;
+use maquette_value::Region;
 
 /// Why a region does not tell points of a net apart.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,6 +1,6 @@
 //! Knots at the same distances.
 
-use maquette::value::KnotVector;
+use maquette_value::KnotVector;
 
 pub(crate) fn even(points: usize) -> Vec<f64> {
     (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()

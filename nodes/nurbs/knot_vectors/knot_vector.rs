@@ -1,6 +1,7 @@
 //! Knot vectors by the rule that is asked for.
 
-use maquette::value::{self, Along, KnotVector};
+use maquette_value as value;
+use maquette_value::{Along, KnotVector};
 
 use super::even_knots::even;
 use super::parameters::parameters;
@@ -46,7 +47,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use maquette::value::KnotVectorError;
+    use maquette_value::KnotVectorError;
 
     /// A net of two rows whose columns lie at these places.
     fn net(columns: &[f64]) -> value::ControlNet {

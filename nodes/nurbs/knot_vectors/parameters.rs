@@ -1,6 +1,7 @@
 //! Parameters of the points of a net.
 
-use maquette::value::{self, Along};
+use maquette_value as value;
+use maquette_value::Along;
 
 use super::even_knots::even;
 

@@ -1,6 +1,7 @@
 //! Nets with the chart of their region.
 
-use maquette::value::{self, Chart, RangeImage};
+use maquette_value as value;
+use maquette_value::{Chart, RangeImage};
 use nalgebra::Point3;
 
 use crate::net_error::NetError;

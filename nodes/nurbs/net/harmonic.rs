@@ -6,8 +6,9 @@
 
 use std::collections::VecDeque;
 
-use maquette::Progress;
-use maquette::value::{self, RangeImage, Region};
+use maquette_node::Progress;
+use maquette_value as value;
+use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
 use super::charted::{charted, on_border};

@@ -8,8 +8,9 @@
 //! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
 //! row is a smooth line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
 
-use maquette::Progress;
-use maquette::value::{self, RangeImage, Region};
+use maquette_node::Progress;
+use maquette_value as value;
+use maquette_value::{RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::charted::charted;
@@ -175,7 +176,7 @@ fn flatten(pole: Point3<f64>, ring: &mut [Point3<f64>]) {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Surface;
+    use maquette_value::Surface;
 
     use super::*;
     use crate::control_net::tests::{range, region};

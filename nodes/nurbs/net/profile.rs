@@ -1,7 +1,8 @@
 //! How an offset fades from the middle of a net's free points to its fixed ones.
 
-use maquette::Progress;
-use maquette::value::{self, Field};
+use maquette_node::Progress;
+use maquette_value as value;
+use maquette_value::Field;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,8 @@
 //! range's rows either way. A line goes from its first to its last cell of the region; what lies between belongs to the net. The
 //! outermost points of the net are fixed.
 
-use maquette::value::{self, RangeImage, Region};
+use maquette_value as value;
+use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
 use super::charted::{charted, on_border};
@@ -208,7 +209,7 @@ mod tests {
     use super::*;
     use crate::control_net::tests::{range, region};
     use crate::control_net::{NetMethod, control_net};
-    use maquette::Progress;
+    use maquette_node::Progress;
 
     fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
         control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()

@@ -1,7 +1,7 @@
 //! Tests of `extract_region`.
 
 use expect_test::{Expect, expect};
-use maquette::value::{Mask, Registration};
+use maquette_value::{Mask, Registration};
 
 use super::*;
 

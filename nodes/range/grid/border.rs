@@ -1,6 +1,6 @@
 //! Borders of a grid's mesh without the steps of the grid.
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::grid_triangles::double_area;

@@ -3,7 +3,7 @@
 //! Border following: Suzuki and Abe, "Topological structural analysis of digitized binary images by border following",
 //! Computer Vision, Graphics, and Image Processing 30 (1985), algorithm 1, whose step numbers are kept.
 
-use maquette::value::Contour;
+use maquette_value::Contour;
 
 /// The eight neighbors as (column, row) steps, counter-clockwise as one sees the grid (rows run downward), from the right.
 const AROUND: [(isize, isize); 8] =
@@ -120,7 +120,7 @@ impl Borders {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Mask;
+    use maquette_value::Mask;
     use proptest::prelude::*;
 
     use super::*;

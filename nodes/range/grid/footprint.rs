@@ -3,8 +3,8 @@
 //! A cell sees a rectangle of the picture: half a cell to each side of its center, by the registration. A pixel counts by the
 //! share of that rectangle that it fills.
 
-use maquette::parallel::*;
-use maquette::value::{Labels, Mask, RangeImage};
+use maquette_value::parallel::*;
+use maquette_value::{Labels, Mask, RangeImage};
 
 /// What a cell sees along one axis of the picture.
 struct Footprint {
@@ -91,7 +91,7 @@ impl Footprint {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Registration;
+    use maquette_value::Registration;
     use nalgebra::Point3;
 
     use super::*;

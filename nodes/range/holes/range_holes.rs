@@ -1,7 +1,7 @@
 //! Cells of a region for which the scanner has no point.
 
-use maquette::Progress;
-use maquette::value::{Mask, RangeImage};
+use maquette_node::Progress;
+use maquette_value::{Mask, RangeImage};
 use nalgebra::Point3;
 
 use super::shadows::{LARGEST_SHADOW, shadows};

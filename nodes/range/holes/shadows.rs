@@ -1,8 +1,8 @@
 //! Cells without a point that the scan surrounds: where a laser's light or its reflection was blocked, and dark or shiny spots.
 
-use maquette::parallel::*;
-use maquette::value::Mask;
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_value::Mask;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use crate::grid::grid_triangles::quad_triangles;

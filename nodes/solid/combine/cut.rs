@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_value::{Faces, Mesh, MeshError};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::topology::lists::Lists;

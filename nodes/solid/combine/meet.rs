@@ -3,9 +3,9 @@
 use std::cmp::Ordering;
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{Bounds, BoxTree, Mesh, MeshError};
-use maquette::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_value::{Bounds, BoxTree, Mesh, MeshError};
+use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::MergeError;
 use nalgebra::Point3;

@@ -1,6 +1,6 @@
 //! What solids make of each other.
 
-use maquette::value::{Attribute, CaptureFrame, Faces};
+use maquette_value::{Attribute, CaptureFrame, Faces};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::*;

@@ -1,6 +1,6 @@
 //! What is hollow.
 
-use maquette::value::Attribute;
+use maquette_value::Attribute;
 use nalgebra::Point3;
 
 use super::*;

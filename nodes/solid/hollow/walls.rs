@@ -1,7 +1,7 @@
 //! Walls that are nowhere thinner than asked.
 
-use maquette::value::TriangleTree;
-use maquette::{Cancelled, Progress};
+use maquette_value::TriangleTree;
+use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Point3, Vector3, center};
 

@@ -1,6 +1,6 @@
 //! Curvature from the angles around vertices.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 use nalgebra::{Point3, Vector3};
 
 /// What the angles around a vertex tell.

@@ -4,9 +4,9 @@
 //! differences of them. Elsewhere the limit has no curvature, or none that means anything: it vanishes or grows without bound. There
 //! the surface close by is taken: a quadratic surface through the limit points of the mesh refined three times.
 
-use maquette::Progress;
-use maquette::parallel::*;
-use maquette::value::{Mesh, NearestPlace, TriangleTree};
+use maquette_node::Progress;
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};

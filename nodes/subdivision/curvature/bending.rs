@@ -1,6 +1,6 @@
 //! The curvature of a surface at a point, from its derivatives or from points around.
 
-use maquette::value::Rgb;
+use maquette_value::Rgb;
 use nalgebra::{Matrix2, Point3, Vector3, Vector5};
 
 /// How a surface bends at a point.

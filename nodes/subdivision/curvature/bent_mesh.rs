@@ -1,6 +1,6 @@
 //! A mesh with the curvature at its vertices.
 
-use maquette::value::{Attribute, Mesh, MeshError};
+use maquette_value::{Attribute, Mesh, MeshError};
 
 use super::bending::{self, Bending};
 use super::curvature_ramp::CurvatureRamp;

@@ -1,12 +1,12 @@
 //! The curvature of a mesh itself: of its angles, and of fitted quadratic surfaces.
 
-use maquette::parallel::*;
-use maquette::value::{Edges, Faces, Mesh, MeshError};
-use maquette::{Cancelled, Progress};
+use maquette_base::topology::lists::Lists;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_value::{Edges, Faces, Mesh, MeshError};
 use nalgebra::Vector3;
 
 use super::bending::Bending;
-use maquette_base::topology::lists::Lists;
 
 /// Who is whose neighbor in a mesh.
 pub(super) struct Neighbors(Lists);

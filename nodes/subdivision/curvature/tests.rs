@@ -1,8 +1,9 @@
+use maquette_node::Progress;
+use nalgebra::{Point3, Vector3};
+
 use super::super::shapes::{cube, noisy, sphere, torus};
 use super::super::{InterpolateOptions, interpolate};
 use super::*;
-use maquette::Progress;
-use nalgebra::{Point3, Vector3};
 
 #[test]
 fn the_missing_angles_of_a_closed_mesh_are_its_euler_characteristic() {
@@ -92,7 +93,7 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
         let [a, b, c, d] = [name(i, j), name(i + 1, j), name(i + 1, j + 1), name(i, j + 1)];
         [[a, b, c], [a, c, d]]
     });
-    let faces = maquette::value::Faces::triangles(faces.collect());
+    let faces = maquette_value::Faces::triangles(faces.collect());
     let tube = Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), faces).unwrap();
     let bent = curvature(
         &tube,
@@ -147,7 +148,7 @@ fn curvature_scales_and_keeps_its_sign_when_mirrored() {
         let places = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
         let large = mesh.with_positions(places(|p| p * 3.0).collect()).unwrap();
         let turned = mesh.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
-        let turned = maquette::value::Faces::triangles(turned.collect());
+        let turned = maquette_value::Faces::triangles(turned.collect());
         let mirrored =
             Mesh::new(places(|p| Point3::new(-p.x, p.y, p.z)).collect::<Vec<_>>(), turned);
         let own = bend(&mesh);
@@ -208,7 +209,7 @@ fn flipped(mesh: &Mesh, pairs: &[usize]) -> Mesh {
         let d = *other.iter().find(|vertex| !face.contains(vertex)).unwrap();
         [faces[2 * pair], faces[2 * pair + 1]] = [[a, b, d], [a, d, c]];
     }
-    Mesh::new(mesh.positions().to_vec(), maquette::value::Faces::triangles(faces)).unwrap()
+    Mesh::new(mesh.positions().to_vec(), maquette_value::Faces::triangles(faces)).unwrap()
 }
 
 #[test]

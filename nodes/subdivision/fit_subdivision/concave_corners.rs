@@ -1,6 +1,6 @@
 //! Corners at which a smooth surface folds.
 
-use maquette::value::{Mesh, MeshError};
+use maquette_value::{Mesh, MeshError};
 use nalgebra::Vector3;
 
 use super::net::{Net, SHARP};

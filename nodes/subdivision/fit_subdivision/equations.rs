@@ -1,13 +1,13 @@
 //! The equations of control points whose surface is near to points.
 
-use maquette::{Cancelled, Progress};
+use maquette_base::linear::cholesky::Cholesky;
+use maquette_base::linear::columns::{self, Column};
+use maquette_base::linear::stencils::Stencils;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::feet::Feet;
 use crate::limit::composed::Composed;
-use maquette_base::linear::cholesky::Cholesky;
-use maquette_base::linear::columns::{self, Column};
-use maquette_base::linear::stencils::Stencils;
 
 /// The equations `A P = X` of the feet of points and `weight^(1/2) L P = 0` below them, which least squares meet as nearly as possible.
 pub(super) struct System {

@@ -1,12 +1,12 @@
 //! Points and their nearest places on a fine mesh.
 
-use maquette::value::{Mesh, NearestPlace, TriangleTree};
-use nalgebra::Point3;
-
-use super::scan::Foot;
 use maquette_base::linear::columns::Column;
 use maquette_base::linear::missed::Missed;
 use maquette_base::linear::stencils::Stencils;
+use maquette_value::{Mesh, NearestPlace, TriangleTree};
+use nalgebra::Point3;
+
+use super::scan::Foot;
 
 /// Steps of subdivision after which the surface is measured; its limit is met at the vertices of that mesh.
 pub(super) const LEVELS: u32 = 2;

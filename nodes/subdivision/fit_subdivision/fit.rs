@@ -1,7 +1,7 @@
 //! A control mesh with given faces whose surface is near to points.
 
-use maquette::Progress;
-use maquette::value::{Mesh, MeshError, Trace, TraceStep};
+use maquette_node::Progress;
+use maquette_value::{Mesh, MeshError, Trace, TraceStep};
 use nalgebra::Point3;
 
 use super::equations::System;

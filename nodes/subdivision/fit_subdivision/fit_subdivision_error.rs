@@ -1,7 +1,7 @@
 //! Why no control mesh can be fitted.
 
-use maquette::Cancelled;
-use maquette::value::MeshError;
+use maquette_node::Cancelled;
+use maquette_value::MeshError;
 
 use crate::SubdivideError;
 

@@ -1,6 +1,6 @@
 //! Where a refined surface folds.
 
-use maquette::value::Mesh;
+use maquette_value::Mesh;
 
 /// The least cosine between the normals of two neighboring faces of a refined surface that does not fold.
 const LEAST_COSINE: f64 = -0.2;

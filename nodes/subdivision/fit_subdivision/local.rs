@@ -1,6 +1,6 @@
 //! The part of a control mesh around a move, fitted for itself.
 
-use maquette::value::{Faces, Mesh, TriangleTree};
+use maquette_value::{Faces, Mesh, TriangleTree};
 use nalgebra::{DMatrix, Point3};
 
 use super::feet::Nearest;

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use maquette::Progress;
-use maquette::parallel::*;
-use maquette::value::Mesh;
+use maquette_node::Progress;
+use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -155,7 +155,7 @@ impl<'a> Moving<'a> {
         &mut self,
         fitted: &Mesh,
         nearest: &[Option<Nearest>],
-        tick: impl Fn(f64) -> Result<(), maquette::Cancelled>,
+        tick: impl Fn(f64) -> Result<(), maquette_node::Cancelled>,
     ) -> Result<(Mesh, usize), FitSubdivisionError> {
         let (_, vertices, faces) = self.net.mesh()?;
         for (&vertex, place) in vertices.iter().zip(fitted.positions().iter()) {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, center};
 
 /// In place of the corners of a face that is gone.

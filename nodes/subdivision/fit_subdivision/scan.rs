@@ -1,6 +1,6 @@
 //! What was scanned, as a surface: what lies between its points.
 
-use maquette::value::{Mesh, TriangleTree};
+use maquette_value::{Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 /// A scanned surface.

@@ -1,5 +1,5 @@
-use maquette::Progress;
-use maquette::value::{Faces, TriangleTree};
+use maquette_node::Progress;
+use maquette_value::{Faces, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::super::shapes::{sphere, torus};

@@ -358,7 +358,7 @@ fn triangulated(mesh: &Mesh) -> Mesh {
         .faces()
         .iter()
         .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-    let faces = maquette::value::Faces::triangles(fans.collect());
+    let faces = maquette_value::Faces::triangles(fans.collect());
     Mesh::new(mesh.positions().clone(), faces).unwrap().with_creases(mesh.creases()).unwrap()
 }
 

@@ -1,6 +1,7 @@
 //! The limit points of a refined mesh as sparse sums of its control points.
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 use super::limit_rows::LimitPlaces;
@@ -13,7 +14,6 @@ use crate::refine::step::Step;
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
 use crate::{Boundary, Creases, Scheme, SubdivideError};
-use maquette_base::linear::stencils::Stencils;
 
 /// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.
 pub(crate) struct Composed {

@@ -1,12 +1,12 @@
 //! Where the vertices of a mesh go by the scheme of Doo and Sabin, as rows; notation as in `refine/doo_sabin.rs`.
 
-use maquette::value::Column;
+use maquette_base::linear::stencils::{Rows, Stencils, push_merged};
+use maquette_value::Column;
 
 use crate::Boundary;
 use crate::masks::turns::turn;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::{HalfEdges, Ring};
-use maquette_base::linear::stencils::{Rows, Stencils, push_merged};
 
 /// The limit of each vertex of a mesh.
 #[derive(Debug)]

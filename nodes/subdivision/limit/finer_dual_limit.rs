@@ -1,9 +1,10 @@
 //! The limit of a mesh that the scheme of Doo and Sabin has refined: inside it is the middle of the face that the next step would put
 //! around a vertex, and rows are made for the vertices on the border alone.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::{Attribute, Column, Mesh, MeshError};
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
 use super::dual_limit::DualLimit;
@@ -13,7 +14,6 @@ use crate::masks::turns::turn;
 use crate::refine::doo_sabin::{Dual, Inside};
 use crate::refine::dual_halves::{FinerHalves, Rings};
 use crate::refine::half_edges::{HalfEdges, Ring};
-use maquette_base::linear::stencils::Stencils;
 
 /// Vertices that one task looks at.
 const BLOCK: usize = 4096;

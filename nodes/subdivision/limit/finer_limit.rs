@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::{Attribute, Column, Mesh, MeshError};
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
 use super::limit_rows::{complete_normals, side_normals, vertex_normal};
@@ -18,7 +19,6 @@ use crate::refine::last::Last;
 use crate::refine::level::{Around, BLOCK};
 use crate::refine::split::{Corners, Split, Triangles};
 use crate::scheme::PrimalScheme;
-use maquette_base::linear::stencils::Stencils;
 
 /// Where the vertices of a last mesh go, and which way the surface faces there.
 #[derive(Debug)]

@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError};
-use maquette::{Error, Limit as Most, Memo};
+use maquette_base::linear::stencils::Stencils;
+use maquette_node::{Error, Limit as Most};
+use maquette_value::Memo;
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Column, Encoder, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
 use super::dual_limit::DualLimit;
@@ -19,7 +21,6 @@ use crate::refine::level::{check_triangles, creases};
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
 use crate::{Scheme, SubdivideError};
-use maquette_base::linear::stencils::Stencils;
 
 /// Vertices that one task looks at.
 const BLOCK: usize = 4096;
@@ -64,7 +65,7 @@ impl LimitPlaces {
         Ok(Self { topology: topology.clone(), positions })
     }
 
-    /// The same, as [`maquette::Context::memo`] wants it.
+    /// The same, as [`maquette_node::Context::memo`] wants it.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
         Ok(Self::new(topology)?)
     }
@@ -108,7 +109,7 @@ impl Limit {
         Ok(Self { topology: topology.clone(), positions, tangents, sides })
     }
 
-    /// The same, as [`maquette::Context::memo`] wants it.
+    /// The same, as [`maquette_node::Context::memo`] wants it.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
         Ok(Self::new(topology)?)
     }

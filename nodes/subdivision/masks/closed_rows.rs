@@ -3,7 +3,8 @@
 //! Most meshes are such ones. Each vertex looks at its own faces: if they close to one ring, and this is so at all vertices, the mesh is
 //! manifold; no edge is ever looked for. Whatever is different is left to the general rules, which also say what is wrong.
 
-use maquette::parallel::*;
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::parallel::*;
 
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
@@ -11,7 +12,6 @@ use super::stars::Masks;
 use crate::Scheme;
 use crate::limit::dual_limit::alpha;
 use crate::refine::topology::Topology;
-use maquette_base::linear::stencils::Stencils;
 
 /// Most corners at a vertex; the search for the next one in a ring looks at all of them.
 const MOST: usize = 64;
@@ -146,7 +146,7 @@ impl Fans {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::{Faces, Mesh};
+    use maquette_value::{Faces, Mesh};
     use nalgebra::Point3;
 
     use super::*;

@@ -9,11 +9,12 @@
 //! Notation: `v` the vertex, `e_j` its `n` neighbors counter-clockwise, `F_j` the centroid of the face between `e_j` and
 //! `e_{j + 1}`, `d_j` the corner of that face across from `v`, if it has four.
 
+use maquette_base::linear::stencils::{Rows, push_merged};
+
 use super::sharpness::{Class, Edges, Sharpness};
 use crate::Creases;
 use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
-use maquette_base::linear::stencils::{Rows, push_merged};
 
 /// What is particular to a scheme.
 pub(crate) trait Masks: Sync {

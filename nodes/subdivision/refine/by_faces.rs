@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::parallel::*;
 
 /// Elements that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
 pub(crate) const BLOCK: usize = 4096;

@@ -1,8 +1,8 @@
 //! How the faces of a manifold mesh hang together, as lists. Edges are numbered by their owners, which is the order of
-//! [`maquette::value::Mesh::edges`].
+//! [`maquette_value::Mesh::edges`].
 
-use maquette::parallel::*;
-use maquette::value::{Edges, Faces};
+use maquette_value::parallel::*;
+use maquette_value::{Edges, Faces};
 
 use super::half_edges::{HalfEdges, NONE};
 use super::turns::Turns;

@@ -10,9 +10,10 @@
 
 use std::sync::Arc;
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_base::linear::mix::Mix;
+use maquette_value::Faces;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::by_faces::{BLOCK, by_faces};
@@ -22,7 +23,6 @@ use super::half_edges::{HalfEdges, NONE, Ring};
 use super::topology::Topology;
 use crate::masks::turns::{turn, turns};
 use crate::{Boundary, SubdivideError};
-use maquette_base::linear::mix::Mix;
 
 /// How to refine a mesh once.
 #[derive(Debug)]

@@ -4,9 +4,9 @@
 //! old vertices. In the face across an edge, half-edge 0 runs along the owner's new one and half-edge 2 along the twin's, or along
 //! the border; 1 and 3 run along the faces around the ends. The first of two half-edges in this order is the owner of their edge.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
 
 use super::by_faces::{BLOCK, by_faces};
 use super::connectivity::Connectivity;

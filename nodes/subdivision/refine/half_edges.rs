@@ -7,7 +7,7 @@
 use std::iter;
 use std::ops::Range;
 
-use maquette::value::Faces;
+use maquette_value::Faces;
 
 use super::turns::Turns;
 

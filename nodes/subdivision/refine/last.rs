@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use maquette::value::Faces;
+use maquette_value::Faces;
 
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};

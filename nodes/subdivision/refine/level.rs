@@ -11,8 +11,8 @@ use std::iter;
 use std::ops::Range;
 use std::sync::Arc;
 
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::connectivity::Connectivity;

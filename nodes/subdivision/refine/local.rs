@@ -8,9 +8,9 @@
 
 use std::ops::Range;
 
-use maquette::parallel::*;
-use maquette::value::{Faces, Mesh, MeshError};
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 use super::half_edges::HalfEdges;

@@ -1,10 +1,10 @@
 //! Makes a surface of any mesh, by cutting it where it is none; and cuts along seams.
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_base::topology::union_find::UnionFind;
+use maquette_value::{Faces, Mesh, MeshError};
 
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};
-use maquette_base::topology::union_find::UnionFind;
 
 /// The same mesh as a surface: each vertex once for each fan of faces around it, and so each edge with more than two faces once
 /// for each pair of faces that fans join, else once for each face. Nothing moves; the first fan keeps the vertex, the others get
@@ -101,7 +101,7 @@ pub(crate) fn cut<T: PartialEq>(mesh: &Connectivity, attribute: &[T]) -> (Vec<u3
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::Attribute;
+    use maquette_value::Attribute;
     use nalgebra::Point3;
 
     use super::*;

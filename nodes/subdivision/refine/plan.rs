@@ -1,7 +1,8 @@
 //! What of a subdivision depends on topology alone, and its products.
 
-use maquette::value::{Attribute, Mesh};
-use maquette::{Cancelled, Limit as Most, Progress, Value};
+use maquette_node::{Cancelled, Limit as Most, Progress};
+use maquette_value::Value;
+use maquette_value::{Attribute, Mesh};
 
 use super::live::Live;
 use super::local::Front;

@@ -3,9 +3,11 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use maquette::memory::{huge_vec, sparse_vec};
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_base::linear::mix::Mix;
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::Faces;
+use maquette_value::memory::{huge_vec, sparse_vec};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::half_edges::HalfEdges;
@@ -16,8 +18,6 @@ use crate::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
 use crate::masks::sharpness::Sharpness;
 use crate::masks::stars::{Scratch, Stars};
 use crate::scheme::PrimalScheme;
-use maquette_base::linear::mix::Mix;
-use maquette_base::linear::stencils::Stencils;
 
 /// How to refine a mesh once.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Corner data by the rules of a scheme: the mesh is cut where they jump, and they are refined as places are.
 
-use maquette::value::{Attribute, Faces, Mesh};
+use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 
 use super::connectivity::Connectivity;

@@ -9,9 +9,9 @@
 //! for each old edge that it owns; and since old edges are numbered by their owners, too, those that the faces before a face own
 //! are as many as the first edge of that face says. So each face knows where its edges are written.
 
-use maquette::memory::huge_vec;
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::memory::huge_vec;
+use maquette_value::parallel::*;
 
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};

@@ -5,8 +5,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use maquette::value::{Attribute, Encoder, Faces, Mesh, MeshError};
-use maquette::{Error, Memo};
+use maquette_base::linear::carry::Carry;
+use maquette_base::linear::mix::Mix;
+use maquette_node::Error;
+use maquette_value::Memo;
+use maquette_value::{Attribute, Encoder, Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 use super::doo_sabin::Dual;
@@ -16,8 +19,6 @@ use super::topology::Topology;
 use crate::SubdivideError;
 use crate::limit::finer_dual_limit::FinerDualLimit;
 use crate::limit::finer_limit::FinerLimit;
-use maquette_base::linear::carry::Carry;
-use maquette_base::linear::mix::Mix;
 
 /// One step of a subdivision.
 #[derive(Clone, Debug)]
@@ -67,7 +68,7 @@ impl Step {
         Ok(Self { root: topology.clone().into(), depth: 0, rules })
     }
 
-    /// The same, as [`maquette::Context::memo`] wants it.
+    /// The same, as [`maquette_node::Context::memo`] wants it.
     pub(crate) fn memo_first(topology: &Topology) -> Result<Self, Error> {
         Ok(Self::first(topology)?)
     }
@@ -84,7 +85,7 @@ impl Step {
         Ok(Self { root: self.root.clone(), depth: self.depth + 1, rules })
     }
 
-    /// The same, as [`maquette::Context::memo`] wants it.
+    /// The same, as [`maquette_node::Context::memo`] wants it.
     pub(crate) fn memo_next(&self) -> Result<Self, Error> {
         Ok(self.next()?)
     }
@@ -206,7 +207,7 @@ impl LastLimit {
         Ok(Self { root: step.root.clone(), depth: step.depth, limit })
     }
 
-    /// The same, as [`maquette::Context::memo`] wants it.
+    /// The same, as [`maquette_node::Context::memo`] wants it.
     pub(crate) fn memo(step: &Step) -> Result<Self, Error> {
         Ok(Self::new(step)?)
     }

@@ -1,7 +1,7 @@
 //! A mesh without places, and the rules: all that a plan depends on.
 
-use maquette::Memo;
-use maquette::value::{Encoder, Faces, Mesh};
+use maquette_value::Memo;
+use maquette_value::{Encoder, Faces, Mesh};
 
 use crate::Subdivision;
 use crate::rules::Rules;

@@ -2,8 +2,8 @@
 
 use std::iter;
 
-use maquette::memory::huge_vec;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::memory::huge_vec;
 
 use super::by_faces::by_faces;
 

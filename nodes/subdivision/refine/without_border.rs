@@ -1,6 +1,6 @@
 //! Leaves out what a border only supports.
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette_value::{Faces, Mesh, MeshError};
 
 /// `refined` without the faces whose ancestor in `mesh` touches the border, and without the vertices that then have no face.
 pub(crate) fn without_border(

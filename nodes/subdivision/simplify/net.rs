@@ -2,13 +2,13 @@
 
 use std::cmp::Ordering;
 
-use maquette::value::{Faces, Mesh, MeshError, to_triangle};
+use maquette_base::linear::carry::Carry;
+use maquette_base::linear::mix::Mix;
+use maquette_value::{Faces, Mesh, MeshError, to_triangle};
 use nalgebra::{Point3, Vector3, center};
 
 use super::quadric::Quadric;
 use super::wedges::{Side, Wedges};
-use maquette_base::linear::carry::Carry;
-use maquette_base::linear::mix::Mix;
 
 /// Weight of the planes that hold borders and creases, beside those of faces.
 const HOLD: f64 = 1000.0;

@@ -1,4 +1,4 @@
-use maquette::value::{Attribute, Faces};
+use maquette_value::{Attribute, Faces};
 use nalgebra::Point3;
 
 use super::*;

@@ -3,10 +3,10 @@
 //! A *wedge* is the corners at one vertex that have the same attributes: Hoppe, "Efficient implementation of progressive meshes" (1998),
 //! section 2.
 
-use maquette::value::{Attribute, Mesh};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 use maquette_base::topology::lists::Lists;
+use maquette_value::{Attribute, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use super::quadric::Quadric;

@@ -1,7 +1,7 @@
 //! Which limit points depend on which control points alone: the order in which they are solved for.
 
-use maquette::parallel::*;
-use maquette::value::Faces;
+use maquette_value::Faces;
+use maquette_value::parallel::*;
 
 use super::limit_matrix::LimitMatrix;
 use crate::Scheme;

@@ -2,12 +2,11 @@
 //!
 //! Three coordinates are solved side by side, in lists of four numbers each, which one instruction loads, multiplies or adds.
 
-use maquette::parallel::*;
-use maquette::simd::{Kernel, widest};
-
 use maquette_base::linear::columns::{CHUNK, Column};
 use maquette_base::linear::missed::Missed;
 use maquette_base::linear::stencils::Stencils;
+use maquette_value::parallel::*;
+use maquette_value::simd::{Kernel, widest};
 
 /// Three coordinates and a zero.
 type Four = [f64; 4];

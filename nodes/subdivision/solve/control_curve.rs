@@ -1,10 +1,10 @@
 //! How control points make a curve, and where on it each of them has its own parameter.
 
-use maquette::value::{Curve, CurveError, KnotVector, KnotVectorError};
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::{Curve, CurveError, KnotVector, KnotVectorError};
 use nalgebra::Point3;
 
 use crate::curve_basis::CurveBasis;
-use maquette_base::linear::stencils::Stencils;
 
 /// The curves of some number of control points.
 ///

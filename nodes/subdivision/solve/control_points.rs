@@ -1,6 +1,6 @@
 //! Finds the control points of what passes through points.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::geometric::{FootPoint, Look, iterate};

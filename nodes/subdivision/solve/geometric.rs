@@ -8,14 +8,14 @@
 //! Computer-Aided Design 39 (2007); with the vertex's own limit point as foot it is the progressive interpolation of Cheng et al.,
 //! "Loop subdivision surface based progressive interpolation", Journal of Computer Science and Technology 24 (2009).
 
-use maquette::{Cancelled, Progress};
+use maquette_base::linear::missed::Missed;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::extent::{diagonal, stray};
 use super::interpolation::{Direction, Interpolation};
 use super::record::{Record, STALL};
 use super::solution::{Diverged, End, Found, Solution};
-use maquette_base::linear::missed::Missed;
 
 /// A point of a curve or surface, and which way is perpendicular there.
 #[derive(Clone, Copy, Debug)]

@@ -4,15 +4,15 @@
 //! gradients for solving linear systems" (1952), section 10. The matrix may be square and not symmetric, have fewer rows than
 //! columns, or take some directions to zero.
 
-use maquette::{Cancelled, Progress};
+use maquette_base::linear::columns::{self, Column};
+use maquette_base::linear::stencils::Stencils;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::extent::diagonal;
 use super::interpolation::Interpolation;
 use super::record::Record;
 use super::solution::{End, Found, Solution};
-use maquette_base::linear::columns::{self, Column};
-use maquette_base::linear::stencils::Stencils;
 
 /// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.
 const LEVEL: f64 = 1e-10;

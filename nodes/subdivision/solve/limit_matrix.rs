@@ -9,8 +9,12 @@
 
 use std::borrow::Cow;
 
-use maquette::parallel::*;
-use maquette::{Cancelled, Limit, Progress};
+use maquette_base::linear::cholesky::Cholesky;
+use maquette_base::linear::columns::{self, Column};
+use maquette_base::linear::missed::Missed;
+use maquette_base::linear::stencils::Stencils;
+use maquette_node::{Cancelled, Limit, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::conjugate_gradients::Search;
@@ -19,10 +23,6 @@ use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
 use super::record::Record;
 use super::solution::{End, Found, Solution};
-use maquette_base::linear::cholesky::Cholesky;
-use maquette_base::linear::columns::{self, Column};
-use maquette_base::linear::missed::Missed;
-use maquette_base::linear::stencils::Stencils;
 
 /// After so many steps the residual is computed anew: the one of the recurrence drifts away from it by rounding.
 const RESTART: u32 = 50;

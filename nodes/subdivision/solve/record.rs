@@ -1,6 +1,6 @@
 //! The distances of an iteration.
 
-use maquette::value::{Trace, TraceStep};
+use maquette_value::{Trace, TraceStep};
 
 use super::interpolation::Norm;
 

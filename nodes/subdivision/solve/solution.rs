@@ -1,7 +1,7 @@
 //! What interpolation gives: control points, and how they were found.
 
-use maquette::Context;
-use maquette::value::Trace;
+use maquette_node::Context;
+use maquette_value::Trace;
 use nalgebra::Point3;
 
 use super::extent::Stray;

@@ -1,4 +1,4 @@
-use maquette::value::{Attribute, Column, Faces};
+use maquette_value::{Attribute, Column, Faces};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::*;
@@ -274,7 +274,7 @@ fn a_plan_serves_every_mesh_of_its_topology() {
     let turned = mesh.positions().iter().map(|point| Point3::new(point.y, point.z, point.x));
     let moved = mesh.with_positions(turned.collect()).unwrap();
     let anew = subdivide(&moved, of(1, false, Boundary::EdgeOnly)).unwrap();
-    assert_eq!(apply(&moved, &[step], &maquette::Progress::none()).unwrap(), anew);
+    assert_eq!(apply(&moved, &[step], &maquette_node::Progress::none()).unwrap(), anew);
 }
 
 #[test]

@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 
-use maquette::parallel::*;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::face_point::{FacePoint, QUAD};

@@ -1,7 +1,8 @@
 //! The feet of given vertices on a subdivision surface.
 
-use maquette::parallel::*;
-use maquette::value::{Faces, Mesh};
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::parallel::*;
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use super::downhill::{Nearest, Part, Parts, Spot, downhill};
@@ -17,7 +18,6 @@ use crate::refine::topology::Topology;
 use crate::scheme::PrimalScheme;
 use crate::solve::geometric::{FootPoint, Perpendicular};
 use crate::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
-use maquette_base::linear::stencils::Stencils;
 
 /// The limit point of each control point, and the normal there if it is needed, which `facing` tells, and it is not marked as `own`.
 pub(crate) fn vertex_feet(
@@ -223,7 +223,7 @@ impl Part for ShapePart<'_> {
 
 #[cfg(test)]
 mod tests {
-    use maquette::value::TriangleTree;
+    use maquette_value::TriangleTree;
 
     use super::*;
     use crate::Plan;

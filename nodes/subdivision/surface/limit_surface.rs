@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 
 use super::face_point::{FacePoint, QUAD, TRIANGLE};

@@ -3,7 +3,8 @@
 //! A piece all of whose corners are regular, or lie on a straight run of border or crease, is a B-spline or box spline patch, whose
 //! control points beyond a border are mirrored ones.
 
-use maquette::value::Faces;
+use maquette_base::linear::stencils::Stencils;
+use maquette_value::Faces;
 use nalgebra::{Point3, Vector3};
 
 use super::limit_point::LimitPoint;
@@ -18,7 +19,6 @@ use crate::refine::level::Level;
 use crate::refine::primal::Primal;
 use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
-use maquette_base::linear::stencils::Stencils;
 
 /// A face with the faces around it.
 pub(crate) struct Piece {

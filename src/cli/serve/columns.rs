@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 
+use maquette_render::{Look, picture};
 use maquette_value::plain;
 use maquette_value::{
     AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On,
@@ -13,7 +14,6 @@ use serde_json::{Map, Value as Json, json};
 
 use super::request::{Form, Input, Numbers};
 use crate::catalog::Catalog;
-use crate::render::{Look, picture};
 use crate::writing::Shelf;
 
 /// The files that a host may read: each is named by what is in it, so that the same numbers keep their file.

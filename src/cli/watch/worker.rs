@@ -8,6 +8,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use maquette_node::CancelToken;
+use maquette_render::picture_of;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::AnyValue;
@@ -17,7 +18,6 @@ use crate::cli::look::Source;
 use crate::eval::{Observer, RunTrace};
 use crate::graph::Graph;
 use crate::page::{Shown, Viewed, Views};
-use crate::render::picture_of;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what

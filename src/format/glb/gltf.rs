@@ -43,7 +43,7 @@ pub enum GltfError {
 }
 
 /// Reads a mesh and its picture.
-pub(in crate::format) struct MeshGltf;
+pub(crate) struct MeshGltf;
 
 impl FileReader for MeshGltf {
     type Value = Mesh;
@@ -148,7 +148,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::format::png;
+    use crate::png;
 
     fn mesh() -> Mesh {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn buffers_and_pictures_in_files_and_in_the_text_are_as_in_one_file() {
-        let glb = crate::format::glb::encode(&mesh()).unwrap();
+        let glb = crate::glb::encode(&mesh()).unwrap();
         let whole = read(&glb).unwrap();
         let (mut document, buffer) = split(&glb);
         document["buffers"][0]["uri"] = "my%20mesh.bin".into();
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_told() {
-        let (mut document, buffer) = split(&crate::format::glb::encode(&mesh()).unwrap());
+        let (mut document, buffer) = split(&crate::glb::encode(&mesh()).unwrap());
         assert_eq!(read_with(&document, &[]), Err("buffer 0: it names no file".into()));
         document["buffers"][0]["uri"] = "a.bin".into();
         assert_eq!(read_with(&document, &[]), Err("buffer 0: a.bin is not there".into()));

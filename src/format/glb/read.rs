@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use super::accessor::{Buffer, Document};
 use super::scene::Scene;
-use crate::format::picture_file::PictureError;
+use crate::picture_file::PictureError;
 
 /// Why bytes are not a mesh in a GLB file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -123,7 +123,7 @@ mod tests {
 
     use super::super::{container as written, encode};
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     /// A quad beside a triangle, with texture coordinates that differ at a vertex.
     fn mesh() -> Mesh {

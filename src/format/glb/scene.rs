@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::accessor::{Buffer, Document, Node};
 use super::read::GlbReadError;
-use crate::format::corners::{FaceList, with_corners};
-use crate::format::picture_file;
+use crate::corners::{FaceList, with_corners};
+use crate::picture_file;
 
 /// glTF has meters.
 const MILLIMETERS: f64 = 1000.0;

@@ -160,7 +160,7 @@ mod tests {
     use maquette_value::CurveError;
 
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const ELLIPSE: &[u8] = include_bytes!("../../../tests/data/formats/ellipse12.obj");
 

@@ -8,10 +8,10 @@ use maquette_syntax::error::Error;
 use maquette_value::{Curve, KnotVector, Surface};
 use nalgebra::Point3;
 
-use crate::format::upright::upright_surface;
+use crate::upright::upright_surface;
 
 /// Writes a polyline as a line, a B-spline as a free-form curve.
-pub(in crate::format) struct CurveObj;
+pub(crate) struct CurveObj;
 
 impl FileFormat for CurveObj {
     type Value = Curve;
@@ -37,7 +37,7 @@ impl FileFormat for CurveObj {
 }
 
 /// Writes a surface as a free-form surface. OBJ lists the control points of a surface with u running fastest.
-pub(in crate::format) struct SurfaceObj;
+pub(crate) struct SurfaceObj;
 
 impl FileFormat for SurfaceObj {
     type Value = Surface;

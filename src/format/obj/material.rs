@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::for_lines;
-use crate::format::words;
+use crate::words;
 
 /// Gives the content of a file by its name, relative to the folder of the OBJ file, or says why it cannot be had.
 pub type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;

@@ -11,12 +11,12 @@ use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Mesh, Rgb};
 
-use crate::format::corners::split;
-use crate::format::upright::upright;
-use crate::format::{check_mesh, coarse_mesh, png};
+use crate::corners::split;
+use crate::upright::upright;
+use crate::{check_mesh, coarse_mesh, png};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
-pub(in crate::format) struct MeshObj;
+pub(crate) struct MeshObj;
 
 impl FileFormat for MeshObj {
     type Value = Mesh;
@@ -217,7 +217,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::format::obj::read;
+    use crate::obj::read;
 
     fn mesh() -> Mesh {
         let at = |x: f64, y: f64| Point3::new(x, y, -0.125);

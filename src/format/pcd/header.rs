@@ -1,7 +1,7 @@
 //! The header of a PCD file.
 
 use super::PcdError;
-use crate::format::{excerpt, parse, words};
+use crate::{excerpt, parse, words};
 
 /// How one number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

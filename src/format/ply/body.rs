@@ -7,7 +7,7 @@ use maquette_value::parallel::*;
 
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
-use crate::format::{At, excerpt, parse};
+use crate::{At, excerpt, parse};
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {

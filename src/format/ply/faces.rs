@@ -7,7 +7,7 @@ use maquette_value::Faces;
 use super::body::{Body, Rows};
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::{Column, PlyError, Table};
-use crate::format::corners::FaceList;
+use crate::corners::FaceList;
 
 /// The corners of all faces, and their texture coordinates.
 #[derive(Default)]

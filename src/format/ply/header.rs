@@ -1,7 +1,7 @@
 //! The header of a PLY file.
 
 use super::PlyError;
-use crate::format::{excerpt, parse, words};
+use crate::{excerpt, parse, words};
 
 /// The usual name for the texture coordinates of a face's corners.
 pub(super) const TEXCOORD: &str = "texcoord";

@@ -7,12 +7,12 @@ use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region
 
 use super::no_faces;
 use super::write::encode;
-use crate::format::rows::{floats, indices};
-use crate::format::upright::upright_points;
-use crate::format::{check_single, coarse, finite};
+use crate::rows::{floats, indices};
+use crate::upright::upright_points;
+use crate::{check_single, coarse, finite};
 
 /// Writes the points of a region.
-pub(in crate::format) struct RegionPly;
+pub(crate) struct RegionPly;
 
 impl FileFormat for RegionPly {
     type Value = Region;
@@ -26,7 +26,7 @@ impl FileFormat for RegionPly {
 }
 
 /// Writes the points of the valid cells of a range image, with their colors.
-pub(in crate::format) struct RangePly;
+pub(crate) struct RangePly;
 
 impl FileFormat for RangePly {
     type Value = RangeImage;
@@ -50,7 +50,7 @@ impl FileFormat for RangePly {
 }
 
 /// Writes points with all attributes.
-pub(in crate::format) struct PointsPly;
+pub(crate) struct PointsPly;
 
 impl FileFormat for PointsPly {
     type Value = Points;
@@ -70,7 +70,7 @@ impl FileFormat for PointsPly {
 }
 
 /// Writes the places of handles, in their own space, with their motions, deviations and weights.
-pub(in crate::format) struct HandlesPly;
+pub(crate) struct HandlesPly;
 
 impl FileFormat for HandlesPly {
     type Value = Handles;
@@ -88,7 +88,7 @@ impl FileFormat for HandlesPly {
 }
 
 /// Writes a curve as a polyline: vertices and edges.
-pub(in crate::format) struct CurvePly;
+pub(crate) struct CurvePly;
 
 impl FileFormat for CurvePly {
     type Value = Curve;
@@ -133,7 +133,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::format::ply::{read, read_points};
+    use crate::ply::{read, read_points};
 
     #[test]
     fn a_range_image_becomes_its_valid_points() {

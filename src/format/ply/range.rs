@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::body::Body;
 use super::header::{self, Element, Header};
 use super::{PlyError, Property, RGB, Table, skip};
-use crate::format::range_file::{Axes, RangeFile, Rows};
+use crate::range_file::{Axes, RangeFile, Rows};
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
 ///
@@ -116,7 +116,7 @@ fn gather(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::hostile;
 
     const GRID: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_ascii.ply");
     const BIG: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_be.ply");

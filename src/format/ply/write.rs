@@ -12,12 +12,12 @@ use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 use nalgebra::Point3;
 
 use super::header::{CORNER_UV, Kind, TEXCOORD};
-use crate::format::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
-use crate::format::upright::{upright_points, upright_sign};
-use crate::format::{TooFar, check_mesh, coarse_mesh, finite};
+use crate::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
+use crate::upright::{upright_points, upright_sign};
+use crate::{TooFar, check_mesh, coarse_mesh, finite};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
-pub(in crate::format) struct MeshPly;
+pub(crate) struct MeshPly;
 
 impl FileFormat for MeshPly {
     type Value = Mesh;
@@ -49,7 +49,7 @@ impl FileFormat for MeshPly {
 }
 
 /// Writes a control net as quads, with weights and fixed flags.
-pub(in crate::format) struct ControlNetPly;
+pub(crate) struct ControlNetPly;
 
 impl FileFormat for ControlNetPly {
     type Value = ControlNet;
@@ -398,7 +398,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::format::ply::read;
+    use crate::ply::read;
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {

@@ -7,7 +7,7 @@ use super::Shape;
 
 /// Numbers that a mesh has, to be shown as colors.
 #[derive(Clone)]
-pub(crate) struct Field {
+pub struct Field {
     pub(crate) name: String,
     /// Vertices, or corners or faces.
     pub(crate) on: On,

@@ -1,6 +1,6 @@
 //! Frontal matrices: dense columns of a factor, and the update that their elimination makes to later columns.
 
-use maquette::{Cancelled, Progress};
+use maquette_node::{Cancelled, Progress};
 
 /// The lower half of a symmetric matrix, by columns, of which the first ones are eliminated.
 pub(super) struct Front {

@@ -4,8 +4,8 @@
 
 use std::path::{Path, PathBuf};
 
-use maquette::value::{Faces, TriangleTree};
-use maquette::{Reading, format};
+use maquette_node::Reading;
+use maquette_value::{Faces, TriangleTree};
 
 use super::*;
 use crate::solve::extent::diagonal;
@@ -27,7 +27,7 @@ fn shared() -> Vec<(String, Mesh)> {
 }
 
 fn read(path: &Path) -> Mesh {
-    format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap())).unwrap()
+    maquette_format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap())).unwrap()
 }
 
 /// A file of the doll of the example graphs.

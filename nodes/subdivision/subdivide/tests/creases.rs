@@ -1,6 +1,6 @@
 //! Rule sets of creases, corner data, and meshes that are no surfaces.
 
-use maquette::value::Attribute;
+use maquette_value::Attribute;
 use nalgebra::Point3;
 
 use super::super::*;

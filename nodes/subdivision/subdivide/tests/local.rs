@@ -1,7 +1,8 @@
 //! What is made of the mesh refined before.
 
-use maquette::value::Attribute;
-use maquette::{Progress, hash_of};
+use maquette_node::Progress;
+use maquette_value::Attribute;
+use maquette_value::hash_of;
 use nalgebra::Point3;
 
 use super::super::*;

@@ -1,7 +1,7 @@
 //! The schemes for polygons.
 
-use maquette::Progress;
-use maquette::value::Faces;
+use maquette_node::Progress;
+use maquette_value::Faces;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::super::*;

@@ -1,6 +1,6 @@
 //! Meshes of polygons for tests.
 
-use maquette::value::{Faces, Mesh};
+use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 
 /// A mesh with scattered vertices: the tests are about topology, or hold for any places.

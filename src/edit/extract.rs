@@ -17,8 +17,9 @@ use super::edit::{
 use super::format::entry_form;
 use super::meaning::named_node;
 use super::migrate::kind_of;
-use super::moved::{Known, Linked, free_name, moved, part_with, path_of_use, refusal};
+use super::moved::{Known, Linked, free_name, moved, part_with, refusal};
 use super::needs::Needs;
+use super::rebase::path_of_use;
 use super::top::field_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;

@@ -153,3 +153,21 @@ impl Known {
         found
     }
 }
+
+impl Known {
+    /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
+    pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
+        files(self.definition())
+    }
+
+    /// The edits of paths in these places that lead to the same files from another folder.
+    pub(in crate::graph) fn rebased(
+        &self,
+        places: impl IntoIterator<Item = Span>,
+        from: &Path,
+        to: &Path,
+    ) -> Vec<Splice> {
+        let places = places.into_iter();
+        places.filter_map(|span| rebased_at(&self.text, span, from, to)).collect()
+    }
+}

@@ -58,6 +58,7 @@ mod patch;
 mod pins;
 mod promises;
 mod quality;
+mod rebase;
 mod recipe;
 mod repeat;
 mod shape;

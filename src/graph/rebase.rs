@@ -9,13 +9,12 @@ use maquette_syntax::paths::{path_between, without_dots};
 use maquette_syntax::quoted;
 use maquette_syntax::{Origin, Tree, Walk, parse};
 
-use super::Known;
-use crate::graph::definition::Definition;
-use crate::graph::draft::{Draft, What};
-use crate::graph::edit::{Splice, apply, field};
-use crate::graph::meaning::entries;
-use crate::graph::quality::side;
-use crate::graph::top::name_of;
+use super::definition::Definition;
+use super::draft::{Draft, What};
+use super::edit::{Splice, apply, field};
+use super::meaning::entries;
+use super::quality::side;
+use super::top::name_of;
 
 /// A path that is relative to one folder, relative to another one.
 fn rebased(given: &str, from: &Path, to: &Path) -> String {
@@ -26,7 +25,7 @@ fn rebased(given: &str, from: &Path, to: &Path) -> String {
 }
 
 /// The text in an entry of `use` that is the path of a graph.
-pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
+pub(super) fn path_of_use(value: &Tree) -> Option<&Tree> {
     let value = value.call_of("Graph").unwrap_or(value);
     let path = field(value, "path").map_or(value, |field| &field.value);
     path.text().map(|_| path)
@@ -34,7 +33,7 @@ pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
 
 /// The text of a definition with paths that are relative to another folder, of files and of graphs that it uses. Those of a patched
 /// graph are relative to several folders.
-pub(in crate::graph) fn seen_from(definition: &Definition, to: &Path) -> String {
+pub(super) fn seen_from(definition: &Definition, to: &Path) -> String {
     let sheet = &definition.sheet;
     let (text, tree) = (&sheet.source.text, &definition.tree);
     let uses = entries(tree.fields().unwrap_or_default(), "use");
@@ -45,7 +44,7 @@ pub(in crate::graph) fn seen_from(definition: &Definition, to: &Path) -> String 
 }
 
 /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
-fn files(definition: &Definition) -> BTreeSet<Span> {
+pub(super) fn files(definition: &Definition) -> BTreeSet<Span> {
     let mut files = Files::default().of(definition);
     for (_, declaration) in entries(definition.tree.fields().unwrap_or_default(), "params") {
         let Some(default) = field(declaration, "default").map(|field| &field.value) else {
@@ -62,28 +61,10 @@ fn files(definition: &Definition) -> BTreeSet<Span> {
 }
 
 /// The edit of a path that leads to the same file from another folder, if that is another path.
-fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
+pub(super) fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
     let given = parse(&text[span.start..span.end]).0.text()?.to_owned();
     let path = rebased(&given, from, to);
     (path != given).then(|| (span, quoted(&path)))
-}
-
-impl Known {
-    /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
-    pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
-        files(self.definition())
-    }
-
-    /// The edits of paths in these places that lead to the same files from another folder.
-    pub(in crate::graph) fn rebased(
-        &self,
-        places: impl IntoIterator<Item = Span>,
-        from: &Path,
-        to: &Path,
-    ) -> Vec<Splice> {
-        let places = places.into_iter();
-        places.filter_map(|span| rebased_at(&self.text, span, from, to)).collect()
-    }
 }
 
 /// Finds texts that are paths of files; each graph that others use is looked at once.

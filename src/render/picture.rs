@@ -1,11 +1,20 @@
 //! Writes meshes and surfaces as pictures: rendered from the front, PNG.
 
-use maquette_node::pack::{FileFormat, NewFile};
+use maquette_format::png;
+use maquette_node::pack::{FileFormat, NewFile, Pack, format};
 use maquette_syntax::error::Error;
 use maquette_value::{Mesh, Surface};
 
-use crate::format::png;
-use crate::render::{View, render};
+use super::{View, render};
+
+/// Writes meshes and surfaces as pictures.
+pub static PACK: Pack = Pack {
+    name: "render",
+    version: env!("CARGO_PKG_VERSION"),
+    build: maquette_node::this_build!(),
+    formats: &[format::<MeshPng>(), format::<SurfacePng>()],
+    ..Pack::EMPTY
+};
 
 /// A rendered mesh.
 pub(super) struct MeshPng;

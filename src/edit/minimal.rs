@@ -10,13 +10,9 @@ use serde_json::Value as Json;
 use super::check::{first, load_text};
 use super::fitting::in_plain_numbers;
 use super::format::fault;
-use super::meaning::{entries, is_default, named_node};
-use super::repeat::MOST;
+use super::meaning::{EMPTY, entries, is_default, is_empty, is_usual_most, named_node};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-
-/// The fields of a graph that say nothing if there is nothing in them.
-pub(super) const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
 impl Graph {
     /// A graph file's text in its canonical form, without values that are their defaults. Every comment is kept. What is no graph of its
@@ -190,23 +186,6 @@ impl Search<'_> {
             }
         }
     }
-}
-
-/// Whether a value holds nothing.
-pub(super) fn is_empty(value: &Tree) -> bool {
-    match &value.kind {
-        Kind::Text(text) => text.is_empty(),
-        Kind::List(items) => items.is_empty(),
-        Kind::Map(entries) => entries.is_empty(),
-        Kind::Call { name: None, body } => *body == Body::Empty,
-        _ => false,
-    }
-}
-
-/// Whether a field of a `ForEach` says what most of its elements may be where it does not say it.
-pub(super) fn is_usual_most(field: &Field) -> bool {
-    let is_usual = matches!(&field.value.kind, Kind::Number { value, .. } if *value == MOST as f64);
-    field.name.text == "most" && is_usual
 }
 
 /// The text without these fields, the commas behind them and their lines, but with the comments in them.

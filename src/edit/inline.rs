@@ -19,9 +19,10 @@ use super::expectation::Expectation;
 use super::meaning::named_node;
 use super::migrate::kind_of;
 use super::moved::{
-    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with, path_of_use,
+    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with,
     put_in_place, put_values, refusal,
 };
+use super::rebase::path_of_use;
 use super::top::name_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;

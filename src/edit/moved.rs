@@ -2,7 +2,6 @@
 
 mod entries;
 mod known;
-mod paths;
 mod same;
 mod values;
 
@@ -12,7 +11,6 @@ pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_
 pub(super) use known::{Known, Linked};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::{parse, syntax_problems};
-pub(super) use paths::{path_of_use, seen_from};
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
 

@@ -237,8 +237,9 @@ fn hash(bytes: &[u8], companions: &Companions) -> Hash {
 mod tests {
     use std::time::{Duration, SystemTime};
 
+    use maquette_format::READERS;
+
     use super::*;
-    use crate::format::READERS;
 
     fn readers() -> Readers {
         Readers::new(READERS.iter().copied())

@@ -14,8 +14,6 @@ use maquette_value::plain::ending;
 use maquette_value::{AnyValue, TYPES, ValueType};
 use serde_json::{Value as Json, json};
 
-use crate::format::{FORMATS, READERS};
-
 mod description;
 
 pub(crate) use description::{Description, PortDescription, ports};
@@ -169,10 +167,10 @@ fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
 }
 
 impl Catalog {
-    /// What these packs offer, beside the engine's own file formats.
+    /// What these packs offer.
     pub fn new(packs: &[&Pack]) -> Self {
-        let brought = packs.iter().flat_map(|pack| pack.readers);
-        let readers = Arc::new(Readers::new(READERS.iter().chain(brought).copied()));
+        let readers = packs.iter().flat_map(|pack| pack.readers).copied();
+        let readers = Arc::new(Readers::new(readers));
         let mut entries = IndexMap::new();
         for pack in packs {
             for node in pack.nodes {
@@ -190,9 +188,8 @@ impl Catalog {
                 entries.entry(name.clone()).or_insert_with(|| Arc::new(entry()));
             }
         }
-        let brought = packs.iter().flat_map(|pack| pack.formats);
         let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
-        let formats = FORMATS.iter().chain(brought).copied().collect();
+        let formats = packs.iter().flat_map(|pack| pack.formats).copied().collect();
         let code = packs.iter().map(|pack| Code::of(pack)).collect();
         let migrations = packs.iter().flat_map(|pack| pack.migrations).copied().collect();
         let recipes = packs.iter().flat_map(|pack| pack.recipes).copied().collect();
@@ -391,6 +388,7 @@ fn name_endings(schema: &mut Json, readers: &Readers) {
 
 #[cfg(test)]
 mod tests {
+    use maquette_format::{FORMATS, READERS};
     use maquette_node::{Context, Node, node};
     use maquette_value::{Mesh, value_type};
     use schemars::JsonSchema;
