@@ -1,9 +1,10 @@
 //! Gives the build of a crate an id: a hash of all that its code is made of. Results on disk are believed by it
 //! (`src/eval/disk/program.rs`).
 //!
-//! It counts the crate's sources, the lock file and settings of the workspace, the compiler and what it is told, and the ids of the
-//! crates beneath. These come through cargo: each crate that takes part has `build = ".../build.rs"` and its own name as `links`.
-//! Features count, except `cli`, which changes no result. The id is empty if something of this cannot be told.
+//! It counts what the code depends on and nothing else: the crate's sources, the entries of the lock file and of the workspace for the
+//! packages beneath, profiles, the compiler and what it is told, and the ids of the crates beneath. These come through cargo: each
+//! crate that takes part has `build = ".../build.rs"` and its own name as `links`. What only tests need does not count. The id is empty
+//! if something of this cannot be told, as where a local crate beneath has no id.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -45,16 +46,69 @@ fn add_files(parts: &mut Parts) -> bool {
     println!("cargo::rerun-if-changed={}", sources.display());
     add_sources(parts, "", &sources);
     // The workspace that is built, and the one that the crate is from: the build folder may lie in either.
+    let mut is_covered = false;
     for (name, inside) in [("built", &folder("OUT_DIR")), ("own", &crate_folder)] {
         let Some(workspace) = workspace(inside) else { continue };
-        for file in ["Cargo.lock", "Cargo.toml"] {
-            add_file(parts, &format!("{name} workspace {file}"), &workspace.join(file));
+        let [lock, settings] =
+            ["Cargo.lock", "Cargo.toml"].map(|file| watched(&workspace.join(file)));
+        let packages = packages(&lock);
+        let beneath = Beneath::of(&packages, &for_tests_alone(&crate_folder));
+        is_covered |= name == "built" && beneath.is_covered;
+        let entries = beneath.names.iter().filter_map(|name| packages.get(name));
+        let entries = String::from_iter(entries.flat_map(|package| &package.entries).copied());
+        let settings = settings_of(&settings, &beneath.names);
+        for (what, text) in [("lock", entries), ("settings", settings)] {
+            parts.insert(format!("{name} workspace, {what}"), Some(text.into_bytes()));
         }
     }
-    match parts.get("built workspace Cargo.lock") {
-        Some(Some(lock)) => covers_all(&packages(&String::from_utf8_lossy(lock))),
-        _ => false,
+    is_covered
+}
+
+/// The text of a file, of which cargo notices changes; empty if there is none.
+fn watched(path: &Path) -> String {
+    if path.exists() {
+        println!("cargo::rerun-if-changed={}", path.display());
     }
+    fs::read_to_string(path).unwrap_or_default()
+}
+
+/// The packages that the crate in this folder needs for its tests and for nothing else.
+fn for_tests_alone(crate_folder: &Path) -> BTreeSet<String> {
+    let manifest = fs::read_to_string(crate_folder.join("Cargo.toml")).unwrap_or_default();
+    let (mut always, mut in_tests) = (BTreeSet::new(), BTreeSet::new());
+    let mut section = "";
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            section = line.trim_matches(['[', ']']);
+        } else if let Some((name, _)) = line.split_once(['.', ' ', '='])
+            && section.ends_with("dependencies")
+        {
+            let names =
+                if section.ends_with("dev-dependencies") { &mut in_tests } else { &mut always };
+            names.insert(name.to_owned());
+        }
+    }
+    &in_tests - &always
+}
+
+/// What a workspace's `Cargo.toml` says of profiles, of patches, and of these packages.
+fn settings_of(manifest: &str, packages: &BTreeSet<&str>) -> String {
+    let (mut settings, mut section) = (String::new(), "");
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            section = line.trim_matches(['[', ']']);
+        }
+        let name = line.split(['.', ' ', '=']).next().unwrap_or_default();
+        let counts = match section {
+            "workspace.dependencies" => packages.contains(name),
+            _ => section.starts_with("profile") || section.starts_with("patch"),
+        };
+        if counts {
+            settings += line;
+            settings.push('\n');
+        }
+    }
+    settings
 }
 
 /// The folder that a variable of cargo names.
@@ -94,6 +148,8 @@ struct Package<'l> {
     /// Whether one of them is a folder of this machine, of which the lock file names no version that would change with it.
     is_local: bool,
     needs: BTreeSet<&'l str>,
+    /// Its entries as they stand there.
+    entries: Vec<&'l str>,
 }
 
 type Packages<'l> = BTreeMap<&'l str, Package<'l>>;
@@ -105,6 +161,7 @@ fn packages(lock: &str) -> Packages<'_> {
         let Some(name) = value("name = ") else { continue };
         let package = packages.entry(name.trim_matches('"')).or_default();
         package.is_local |= value("source = ").is_none();
+        package.entries.push(text);
         // A line such as ` "png 0.18.0",`; the version is there only if there are several.
         let needs =
             text.lines().filter_map(|line| line.strip_prefix(" \"")?.split([' ', '"']).next());
@@ -113,38 +170,34 @@ fn packages(lock: &str) -> Packages<'_> {
     packages
 }
 
-/// Whether every library beneath this crate is told by the lock file or by an id of its own: an edit of a local copy that is patched
-/// in would go unnoticed.
-fn covers_all(packages: &Packages<'_>) -> bool {
-    let own = env::var("CARGO_PKG_NAME").unwrap_or_default();
-    let has_id = |name: &str| {
-        let variable = format!("DEP_{}{HANDED_OVER}", name.to_uppercase().replace('-', "_"));
-        env::var(variable).is_ok_and(|id| !id.is_empty())
-    };
-    // What needs this crate itself is here for the tests alone: cargo allows no other circles.
-    let needs_this = |name: &str| beneath(packages, name, |_| false).contains(&own[..]);
-    packages.contains_key(&own[..])
-        && beneath(packages, &own, has_id).into_iter().all(|name| {
-            let is_local = packages.get(name).is_none_or(|package| package.is_local);
-            !is_local || has_id(name) || needs_this(name)
-        })
+/// The packages beneath this crate, down to those with ids of their own, which tell of the rest.
+struct Beneath<'l> {
+    names: BTreeSet<&'l str>,
+    /// Whether each of them is told by the lock file or by an id: an edit of a local copy that is patched in would go unnoticed.
+    is_covered: bool,
 }
 
-/// All that a package needs, but not what is needed by those at which the search `ends`.
-fn beneath<'l>(
-    packages: &Packages<'l>,
-    from: &str,
-    ends: impl Fn(&str) -> bool,
-) -> BTreeSet<&'l str> {
-    let needs = |name: &str| packages.get(name).into_iter().flat_map(|package| &package.needs);
-    let mut found = BTreeSet::new();
-    let mut next = Vec::from_iter(needs(from).copied());
-    while let Some(name) = next.pop() {
-        if found.insert(name) && !ends(name) {
-            next.extend(needs(name));
+impl<'l> Beneath<'l> {
+    fn of(packages: &Packages<'l>, left_out: &BTreeSet<String>) -> Self {
+        let own = env::var("CARGO_PKG_NAME").unwrap_or_default();
+        let has_id = |name: &str| {
+            let variable = format!("DEP_{}{HANDED_OVER}", name.to_uppercase().replace('-', "_"));
+            env::var(variable).is_ok_and(|id| !id.is_empty())
+        };
+        let needs = |name: &str| packages.get(name).into_iter().flat_map(|package| &package.needs);
+        let mut names = BTreeSet::new();
+        let mut next = Vec::from_iter(needs(&own).filter(|name| !left_out.contains(**name)));
+        while let Some(name) = next.pop() {
+            if names.insert(*name) && !has_id(name) {
+                next.extend(needs(name));
+            }
         }
+        let is_told = |name: &&str| {
+            has_id(name) || packages.get(*name).is_some_and(|package| !package.is_local)
+        };
+        let is_covered = packages.contains_key(&own[..]) && names.iter().all(is_told);
+        Self { names, is_covered }
     }
-    found
 }
 
 /// Adds the compiler, what it is told, and the ids of the crates beneath. Whether the compiler is known.
@@ -155,9 +208,7 @@ fn add_settings(parts: &mut Parts) -> bool {
     let profile = out.ancestors().nth(3).and_then(Path::file_name).unwrap_or_default();
     let profile = profile.to_string_lossy();
     parts.insert("folder of the profile".into(), Some(profile.as_bytes().to_vec()));
-    let is_feature = |name: &str| {
-        name.starts_with("CARGO_FEATURE_") && !name.ends_with("_CLI") && !name.ends_with("_DEFAULT")
-    };
+    let is_feature = |name: &str| name.starts_with("CARGO_FEATURE_") && !name.ends_with("_DEFAULT");
     let counts = |name: &str| {
         TOLD.contains(&name)
             || name.starts_with("CARGO_PROFILE_")

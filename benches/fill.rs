@@ -20,6 +20,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use cases::{Case, bumpy_sphere, cases, with_noise};
+use judge::{characters, judge};
 use maquette::Progress;
 use maquette::value::{Faces, Mesh};
 use maquette_nodes::fill::{
@@ -27,9 +29,6 @@ use maquette_nodes::fill::{
 };
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
-
-use cases::{Case, bumpy_sphere, cases, with_noise};
-use judge::{characters, judge};
 
 #[path = "fill/cases.rs"]
 mod cases;

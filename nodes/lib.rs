@@ -1,7 +1,6 @@
 //! The built-in node packs of maquette, each a crate of its own that is written with maquette's public API alone.
 
 use maquette_node::Pack;
-
 pub use {
     maquette_align as align, maquette_clean as clean, maquette_color as color,
     maquette_deform as deform, maquette_fill as fill, maquette_image as image,

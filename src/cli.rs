@@ -11,12 +11,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Checked, Graph, Options};
 use maquette_node::pack::Pack;
 use maquette_syntax::error::{MOST_TOLD, Problem, code};
 use maquette_syntax::telling::{escaped, harmless, in_full};
 
-use crate::catalog::Catalog;
-use crate::graph::{Checked, Graph, Options};
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted};
 
 mod batch;
@@ -405,3 +405,10 @@ fn counted(count: usize, what: &str) -> String {
     }
     format!("{number} {what}{}", if count == 1 { "" } else { "s" })
 }
+
+// TRANSFERRED
+#[cfg(feature = "cli")]
+mod condition;
+
+#[cfg(feature = "cli")]
+pub(crate) use condition::Condition;

@@ -5,6 +5,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
 
+use maquette_graph::catalog::{Catalog, Entry};
+use maquette_graph::{Graph, GraphNode, Options, is_name};
 use maquette_node::pack::Pack;
 use maquette_node::reading::Readers;
 use maquette_node::{CancelToken, Context, Progress};
@@ -13,9 +15,7 @@ use maquette_syntax::{check_default, inside, resolve, variants};
 use maquette_value::{AnyValue, ValueType};
 use serde_json::Value as Json;
 
-use crate::catalog::{Catalog, Entry};
 use crate::eval::Evaluator;
-use crate::graph::{Graph, GraphNode, Options, is_name};
 
 mod attributes;
 mod cells;

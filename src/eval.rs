@@ -8,15 +8,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use maquette_graph::files::Known;
+use maquette_graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use maquette_node::CancelToken;
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::{AnyValue, Hash};
-
-use crate::files::Known;
-use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 
 mod cache;
 mod compute;

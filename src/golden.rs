@@ -3,14 +3,12 @@
 pub(crate) mod case;
 pub(crate) mod compare;
 mod expect;
-mod fits;
 mod looks;
 pub(crate) mod parts;
 mod printable;
 mod sketch;
 mod sound;
 pub(crate) mod store;
-mod topology;
 
 #[cfg(feature = "cli")]
 pub(crate) use case::test_schema;

@@ -79,34 +79,32 @@ pub mod lsp;
 
 #[cfg(feature = "cli")]
 mod batch;
-mod catalog;
-mod draw;
 mod eval;
-mod files;
 mod golden;
-mod graph;
 mod language;
 #[cfg(feature = "cli")]
 mod page;
 #[cfg(feature = "cli")]
 mod probe;
 mod session;
-mod stamp;
 mod suite;
 mod watch;
 mod writing;
 
-pub use catalog::Catalog;
 pub use eval::{
     Diagnosis, Disk, DiskError, Evaluation, Evaluator, Exchange, Fault, NodeTrace, Observer,
     RunTrace, State, ThreadsError, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
-pub use graph::{
-    Change, Checked, Difference, Edit, Edited, Extracted, Extraction, Files, Graph, GraphInput,
-    GraphPort, InputValues, Merge, Options, Put, ReadFile,
-};
+pub use maquette_diagram as diagram;
+pub use maquette_edit as edit;
+pub use maquette_edit::{Edit, Edited, Extracted, Extraction, Merge, Put};
 pub use maquette_format as format;
+pub use maquette_graph::catalog::Catalog;
+pub use maquette_graph::{
+    Change, Checked, Difference, Files, Graph, GraphInput, GraphPort, InputValues, Options,
+    ReadFile,
+};
 pub use maquette_node::limit::{Estimate, Limit, TooMuch};
 pub use maquette_node::pack::{
     Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format,
@@ -131,3 +129,5 @@ pub use session::{
     Settings, Wanted, Written, save,
 };
 pub use suite::{TestRun, test_graphs};
+
+// TRANSFERRED

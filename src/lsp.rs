@@ -16,6 +16,9 @@ use gen_lsp_types::{
     DidSaveTextDocumentParams, InitializeParams, TextDocumentContentChangeEvent, Uri,
 };
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestId, Response};
+use maquette_edit::real;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, Options};
 use maquette_syntax::error::in_words;
 use maquette_syntax::first_word;
 use maquette_syntax::paths::{MARKER, project_root};
@@ -23,8 +26,6 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value as Json, json};
 
-use crate::catalog::Catalog;
-use crate::graph::{Graph, Options, real};
 use crate::session::Session;
 
 mod actions;

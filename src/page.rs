@@ -41,12 +41,12 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use maquette_diagram::Drawing;
+use maquette_graph::Graph;
+use maquette_graph::catalog::Catalog;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 
-use crate::catalog::Catalog;
-use crate::draw::Drawing;
-use crate::graph::Graph;
 use crate::probe;
 
 mod kept;

@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use maquette_node::CancelToken;
 use maquette_node::pack::{NewFile, Pack};
 use maquette_node::provenance::{Provenance, Signature};
@@ -10,14 +12,12 @@ use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_syntax::{unknown, with_article};
 use maquette_value::{AnyValue, Value};
 
-use crate::catalog::Catalog;
 #[cfg(feature = "cli")]
 use crate::eval::Remembered;
 use crate::eval::{
     Disk, Evaluation, Evaluator, Exchange, Forecast, Observer, RunTrace, explanation,
 };
 use crate::golden::{self, Violation};
-use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 
 mod elements;
 #[cfg(feature = "cli")]

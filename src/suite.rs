@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_graph::catalog::Catalog;
 use maquette_node::pack::NewFile;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_value::AnyValue;
 use maquette_value::plain;
 
-use crate::catalog::Catalog;
 use crate::eval::{RunTrace, ThreadsError};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::{self, Golden, NoGolden, Written, because};

@@ -11,11 +11,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use maquette_graph::stamp::Stamp;
 use maquette_syntax::paths::without_dots;
 use maquette_value::plain;
 use tempfile::NamedTempFile;
-
-use crate::stamp::Stamp;
 
 mod large;
 #[cfg(feature = "cli")]

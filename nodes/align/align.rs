@@ -1,7 +1,7 @@
 //! Moves one scan onto another.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
 use maquette_mesh::Poses;
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
 use maquette_scan::Scan;
 use nalgebra::{Isometry3, Point3};
 use schemars::JsonSchema;

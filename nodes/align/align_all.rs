@@ -1,10 +1,10 @@
 //! Brings several scans together.
 
-use maquette_value::{Faces, Mesh};
-use maquette_node::{Carry, Context, Error, Fate, In, Limit, Node, Progress};
 use maquette_mesh::{Poses, merge};
+use maquette_node::{Carry, Context, Error, Fate, In, Limit, Node, Progress};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,9 +1,9 @@
 //! Why scans do not come together.
 
-use maquette_value::MeshError;
-use maquette_node::{Cancelled, TooMuch};
 use maquette_mesh::{MergeError, TransformError};
+use maquette_node::{Cancelled, TooMuch};
 use maquette_range::TriangulateError;
+use maquette_value::MeshError;
 use thiserror::Error;
 
 use super::alignment::AlignmentError;

@@ -1,6 +1,9 @@
 //! How scans were moved to lie together, and how well they fit.
 
-use maquette_value::{CaptureFrame, Column, DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError, Summary, Value};
+use maquette_value::{
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError,
+    Summary, Value,
+};
 use nalgebra::{Isometry3, Matrix3, Matrix4};
 use thiserror::Error;
 

@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeSet, BinaryHeap};
 
-use maquette_value::parallel::*;
-use maquette_value::{Mesh, RangeImage};
+use maquette_base::tree::Tree;
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
+use maquette_value::parallel::*;
+use maquette_value::{Mesh, RangeImage};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::align_error::AlignError;
-use maquette_base::tree::Tree;
 
 /// Points with normals.
 #[derive(Clone, Debug, Default)]

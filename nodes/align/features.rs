@@ -3,15 +3,15 @@
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
-use maquette_value::parallel::*;
+use histograms::{Histogram, histograms};
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Isometry3, Point3};
 
 use super::cloud::Cloud;
 use super::fit::{Fit, fit};
 use super::pairs::motion_of;
 use super::refine::{Level, refine};
-use histograms::{Histogram, histograms};
 
 mod histograms;
 

@@ -1,7 +1,7 @@
 //! Moves something as an alignment moved a scan.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use maquette_mesh::Movable;
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Scans that have moved into the axes of another one.
 
-use maquette_value::{CaptureFrame, Mesh};
 use maquette_mesh::{Motion, Movable, TransformError, transform};
 use maquette_scan::Scan;
+use maquette_value::{CaptureFrame, Mesh};
 use nalgebra::Matrix4;
 
 /// What is moved now lies in the axes of a capture with this frame; without one they are those of no capture.

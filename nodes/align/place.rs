@@ -1,10 +1,10 @@
 //! From where scans may lie to where they do: coarse, then fine.
 
-use maquette_node::Progress;
-use maquette_value::parallel::*;
-use maquette_value::CaptureFrame;
 use maquette_mesh::Poses;
+use maquette_node::Progress;
 use maquette_scan::Scan;
+use maquette_value::CaptureFrame;
+use maquette_value::parallel::*;
 use nalgebra::{Isometry3, Matrix4, Rotation3, UnitQuaternion};
 
 use super::align_error::{AlignError, LEAST_AGREEMENT, LEAST_SHARE};

@@ -1,7 +1,7 @@
 //! Brings scans that lie almost right together, all of them at once.
 
-use maquette_value::parallel::*;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion,
     Vector3, Vector6,

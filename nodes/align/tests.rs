@@ -2,10 +2,10 @@
 
 use std::cell::RefCell;
 
-use maquette_node::Progress;
-use maquette_value::{Faces, Mesh, Points, RangeImage};
 use maquette_mesh::{Motion, Movable, Poses, transform};
+use maquette_node::Progress;
 use maquette_scan::Scan;
+use maquette_value::{Faces, Mesh, Points, RangeImage};
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;

@@ -1,10 +1,10 @@
 //! Takes away what hangs between foreground and background.
 
-use maquette_value::parallel::*;
-use maquette_value::RangeImage;
 use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use maquette_range::Rays;
 use maquette_scan::Scan;
+use maquette_value::RangeImage;
+use maquette_value::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;

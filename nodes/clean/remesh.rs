@@ -1,15 +1,17 @@
 //! Gives a surface triangles of one size.
 
-use maquette_value::parallel::*;
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, Want,
+};
 use maquette_value::Mesh;
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, Want};
+use maquette_value::parallel::*;
 use nalgebra::Point3;
+use net::{Kind, NONE, Net};
+use original::Original;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::remesh_error::RemeshError;
-use net::{Kind, NONE, Net};
-use original::Original;
 
 mod net;
 mod original;

@@ -1,7 +1,7 @@
 //! Why a surface was not given new triangles.
 
-use maquette_value::MeshError;
 use maquette_node::{Cancelled, TooMuch};
+use maquette_value::MeshError;
 use thiserror::Error;
 
 /// Why a surface was not given new triangles.

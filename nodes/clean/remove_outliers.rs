@@ -1,9 +1,9 @@
 //! Takes away points that lie apart.
 
-use maquette_value::parallel::*;
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use maquette_base::tree::Tree;
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use maquette_scan::Scan;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

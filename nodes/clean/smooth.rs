@@ -1,13 +1,12 @@
 //! Takes small detail out of a surface.
 
-use maquette_value::{Mesh, MeshError};
+use filter::{Filter, FilterError};
 use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
+use maquette_value::{Mesh, MeshError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-
-use filter::{Filter, FilterError};
 
 mod filter;
 

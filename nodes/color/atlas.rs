@@ -1,7 +1,7 @@
 //! A picture in which each place of a mesh has a place of its own: which texels show what.
 
-use maquette_value::{Attribute, Image, Mesh, Rgb};
 use maquette_node::{Cancelled, Progress};
+use maquette_value::{Attribute, Image, Mesh, Rgb};
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,24 +1,23 @@
 //! Puts what several captures show on a mesh, as one picture.
 
-use maquette_value::{Image, Mask, Mesh, Rgb, Value};
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
+pub use bake_error::BakeError;
+pub use baking::{Baking, Level};
+use level::Leveled;
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
+use maquette_value::{Image, Mask, Mesh, Rgb, Value};
+use membrane::Membrane;
 use nalgebra::Matrix4;
+use sample::{Mixed, Sample, mix};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use spot::Spot;
+use view::View;
 
 use super::atlas::{Coordinates, Texels, with_atlas};
 use super::layout::{Layout, SIZE};
 use super::light::color_of;
-use level::Leveled;
-use membrane::Membrane;
-use sample::{Mixed, Sample, mix};
-use spot::Spot;
-use view::View;
-
-pub use bake_error::BakeError;
-pub use baking::{Baking, Level};
 
 mod bake_error;
 mod baking;

@@ -1,8 +1,10 @@
 //! Draws the colors of vertices as a picture.
 
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, Rgb};
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

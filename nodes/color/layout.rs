@@ -1,16 +1,15 @@
 //! Texture coordinates for any mesh: charts, each flat without a fold, side by side in a square.
 
+use chart::Chart;
+use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Mesh, MeshError};
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
-use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Vector2, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use chart::Chart;
 use pack::{PackError, Piece, pack};
+use schemars::JsonSchema;
 use segment::{NONE, faces_of_corners, opposites, segment};
+use serde::{Deserialize, Serialize};
 
 mod chart;
 mod overlaps;

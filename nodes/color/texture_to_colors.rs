@@ -1,9 +1,11 @@
 //! Gives vertices the colors of a picture.
 
-use maquette_value::{Attribute, Image, Mesh, MeshError};
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise,
+};
+use maquette_value::{Attribute, Image, Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Lays a mesh out flat.
 
-use maquette_value::Mesh;
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

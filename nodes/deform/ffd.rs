@@ -1,7 +1,8 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
-use maquette_value::{Handle, HandleSpace, Handles};
+use maquette_mesh::Movable;
 use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
+use maquette_value::{Handle, HandleSpace, Handles};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,6 @@ use super::free_form::reach::{Boxes, Places};
 use super::gaussian::layout::Bounds;
 use super::gaussian::system::System;
 use super::mode::Mode;
-use maquette_mesh::Movable;
 
 /// Pulls an object by handles: each goes to its target, and takes along what is around it.
 ///

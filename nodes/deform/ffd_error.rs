@@ -1,7 +1,9 @@
 //! Why an object cannot be deformed.
 
 use maquette_node::Cancelled;
-use maquette_value::{AttributeError, ControlNetError, CurveError, HandlesError, MeshError, PointsError, SizeError};
+use maquette_value::{
+    AttributeError, ControlNetError, CurveError, HandlesError, MeshError, PointsError, SizeError,
+};
 
 /// Why an object cannot be deformed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,8 +1,9 @@
 //! Rational Gaussian surfaces.
 
+use maquette_base::limits::VERTICES;
+use maquette_node::{Context, Error, Estimate, Node, Promise, TooMuch};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
-use maquette_node::{Context, Error, Estimate, Node, Promise, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,6 @@ use super::gaussian::deformation::{Base, Deformation};
 use super::gaussian::layout::{Bounds, chosen, prepare};
 use super::gaussian::system::System;
 use super::{FfdError, Mode};
-use maquette_base::limits::VERTICES;
 
 /// Makes a surface of control points with rational Gaussian functions.
 ///

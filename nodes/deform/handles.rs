@@ -2,17 +2,17 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use maquette_value::parallel::*;
-use maquette_value as value;
-use maquette_value::{Attribute, Handle, HandleSpace, HandlesError};
+use maquette_mesh::Movable;
 use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_value as value;
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Handle, HandleSpace, HandlesError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::free_form::object::{bounds, points};
 use super::gaussian::layout::{Bounds, MOST_HANDLES};
-use maquette_mesh::Movable;
 
 /// Places handles on an object by a rule, all at rest. `Ffd` takes them as its `layout`, and drags some of them by its
 /// `targets`.

@@ -1,15 +1,15 @@
 //! The lines of an object's box, to see how space is deformed.
 
-use maquette_value::{Curve, CurveError};
+use maquette_base::limits::POINTS;
+use maquette_mesh::Movable;
 use maquette_node::{Context, Error, In, Node, TooMuch};
+use maquette_value::{Curve, CurveError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::free_form::object::bounds;
 use super::gaussian::layout::Bounds;
-use maquette_base::limits::POINTS;
-use maquette_mesh::Movable;
 
 /// Draws the lines of a lattice in an object's box as one polyline, to be deformed beside the object and seen: `Ffd` with
 /// the object as its `frame`, then `Tube`.

@@ -1,8 +1,8 @@
 //! Reads handles from a file.
 
 use maquette_format::handles::{HandlesFileError, read_csv, read_json, read_ron};
-use maquette_value::{HandleSpace, Handles};
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_value::{HandleSpace, Handles};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

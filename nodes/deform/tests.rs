@@ -1,5 +1,6 @@
 //! What must hold of deformations, with exact answers; the identifiers are those of algorithms.md, section 13.
 
+use maquette_mesh::Movable;
 use maquette_node::Progress;
 use maquette_value::random::Random;
 use maquette_value::{Handle, HandleSpace, Handles, Points};
@@ -10,7 +11,6 @@ use super::gaussian::gaussians::Gaussians;
 use super::gaussian::layout::{Layout, prepare};
 use super::gaussian::system::System;
 use super::{Deforming, FfdError, Mode, Report, ffd};
-use maquette_mesh::Movable;
 
 mod forms;
 mod objects;

@@ -1,12 +1,11 @@
 //! Curves as tubes, to be seen and printed.
 
-use maquette_value::{Curve, Faces, Mesh, MeshError};
+use maquette_base::limits::VERTICES;
 use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_value::{Curve, Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_base::limits::VERTICES;
 
 /// Makes a tube of a curve: a mesh to be seen and printed. An open curve's tube is closed at both ends.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

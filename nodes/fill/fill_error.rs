@@ -1,7 +1,7 @@
 //! Why holes cannot be filled.
 
-use maquette_value::{MeshError, TraceError};
 use maquette_node::{Cancelled, TooMuch};
+use maquette_value::{MeshError, TraceError};
 
 use super::border::regions::NoMarks;
 

@@ -2,9 +2,11 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, Want,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, MeshError, Trace};
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! Marks the edges of a picture: where its levels change steeply.
 
+use maquette_node::{Context, Error, In, Node};
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 use maquette_value::{Field, Mask};
-use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -3,8 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use maquette_value::{Image, Lab, Mask};
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::{Image, Lab, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

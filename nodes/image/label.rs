@@ -1,7 +1,7 @@
 //! Numbers the connected parts of a mask.
 
-use maquette_value::{Labels, Mask};
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::{Labels, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Keeps the border of a mask.
 
-use maquette_value::Mask;
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::Mask;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

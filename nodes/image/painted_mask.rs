@@ -1,8 +1,8 @@
 //! A mask that was painted with another program.
 
 use maquette_format::picture_file;
-use maquette_value::{Color, Image, Mask};
 use maquette_node::{Context, Error, FilePath, In, Node};
+use maquette_value::{Color, Image, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Reads a picture from a file.
 
 use maquette_format::picture_file;
-use maquette_value::Image;
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_value::Image;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

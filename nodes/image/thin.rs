@@ -3,8 +3,8 @@
 //! Pixels of the mask are connected by sides and corners, all others by sides alone. The neighbors of a pixel are numbered clockwise
 //! from the one above: bit k of a neighborhood is set if neighbor k is inside.
 
-use maquette_value::{Field, Mask};
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::{Field, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

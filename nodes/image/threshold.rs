@@ -1,7 +1,7 @@
 //! Marks the pixels of a picture that belong to a color, a box of colors, or the brighter of two classes.
 
-use maquette_value::{Color, Image, Mask};
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::{Color, Image, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
 use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Promise};
 use maquette_value::Value;
+use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,17 +1,16 @@
 //! Turns faces so that their outside is outside.
 
-use maquette_value::{Attribute, Mesh, MeshError};
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+pub use sheets::OneSided;
+use sheets::Sheets;
+use side::outward_sides;
 use thiserror::Error;
 
 use super::turned_faces::turned_faces;
-use sheets::Sheets;
-use side::outward_sides;
-
-pub use sheets::OneSided;
 
 mod sheets;
 mod side;

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use maquette_value::{Faces, Mesh, MeshError};
 use maquette_node::{Context, Error, Node, Promise};
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};

@@ -1,13 +1,12 @@
 //! Reads a curve from a file.
 
 use maquette_format::obj;
-use maquette_value::{Curve, CurveError};
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_range::Unit;
+use maquette_value::{Curve, CurveError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_range::Unit;
 
 /// Reads a curve: an OBJ file with lines `l`, or with one free-form curve `curv` of type `bspline`.
 ///

@@ -1,11 +1,10 @@
 //! Reads points from a file.
 
-use maquette_value::Points;
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_range::Unit;
+use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_range::Unit;
 
 /// Reads points that nothing connects: the vertices of a PLY file, a PCD file, an XYZ text of a point a line, the points of a survey (LAS), or all scans
 /// of a laser scanner (E57), each moved by its pose.

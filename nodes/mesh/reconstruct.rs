@@ -1,21 +1,23 @@
 //! Reconstructs a surface from points.
 
+use cells::Cube;
+use cloud::Cloud;
+use contour::{Skin, contour};
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch,
+};
+use maquette_subdivision::Scattered;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch};
 use nalgebra::{Matrix4, Point3, Vector3};
+use poisson::{Field, SolveError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use surfels::{Pyramid, Surfel, surfels};
 
 use super::Poses;
 use super::common_frame::common_frame;
 use super::merge_error::MergeError;
-use cells::Cube;
-use cloud::Cloud;
-use contour::{Skin, contour};
-use maquette_subdivision::Scattered;
-use poisson::{Field, SolveError};
-use surfels::{Pyramid, Surfel, surfels};
 
 mod cells;
 mod cloud;

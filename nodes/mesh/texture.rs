@@ -1,8 +1,8 @@
 //! Puts a picture on a mesh.
 
+use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Moves, turns and scales.
 
-use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Previous, Promise};
+use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,14 @@
 //! Writes a surface back to the range grid that it came from.
 
+use maquette_image::dilate;
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress,
+};
+use maquette_range::{
+    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Mask, Pinhole, RangeImage, Region, Surface};
-use maquette_node::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,10 +19,6 @@ use super::grid::canvas::{Canvas, Target};
 use super::grid::fold::folded_cells;
 use super::grid::refine::{refine, refined_range};
 use super::grid::seam::{Seam, seam};
-use maquette_image::dilate;
-use maquette_range::{
-    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
-};
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
 ///

@@ -1,7 +1,7 @@
 //! Why a surface cannot be blended into a range image.
 
-use maquette_value::{ControlNetError, SizeError, SurfaceError};
 use maquette_node::{Cancelled, TooMuch};
+use maquette_value::{ControlNetError, SizeError, SurfaceError};
 
 /// Why a surface cannot be written to a range image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,8 +1,9 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
+use maquette_base::limits::POINTS;
+use maquette_node::{Context, Error, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
-use maquette_node::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +11,6 @@ use super::grid::window::{GridWindow, placed};
 use super::net::charted::charted;
 use super::net::{harmonic, polar, rows};
 use super::net_error::NetError;
-use maquette_base::limits::POINTS;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
 /// leaves them where they are.
@@ -149,8 +149,9 @@ fn grid(
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::*;
     use nalgebra::Point3;
+
+    use super::*;
 
     /// A range image of points (column, row, depth), invalid where the depth is NaN.
     pub(crate) fn range(

@@ -1,8 +1,8 @@
 //! Fits a B-spline surface to a net of points.
 
+use maquette_node::{Context, Error, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{Along, Chart, Surface, Trace};
-use maquette_node::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Places the knots of one direction of a surface.
 
+use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
 use maquette_value::{Along, KnotVector};
-use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

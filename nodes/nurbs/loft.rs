@@ -1,15 +1,15 @@
 //! Makes a control net of sections.
 
+use maquette_base::limits::POINTS;
+use maquette_node::{Context, Error, In, Node, TooMuch};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Curve, KnotVector};
-use maquette_node::{Context, Error, In, Node, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::even_knots::is_even;
 use super::net::rows::{resampled, shares};
-use maquette_base::limits::POINTS;
 
 /// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.
 ///

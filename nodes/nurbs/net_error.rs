@@ -1,9 +1,8 @@
 //! Why a region has no control net.
 
+use maquette_base::linear::laplace::Unsolved;
 use maquette_node::TooMuch;
 use maquette_value::ControlNetError;
-
-use maquette_base::linear::laplace::Unsolved;
 
 /// Why a region does not make a net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,8 +1,8 @@
 //! Makes a rational B-spline surface of a control net.
 
+use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
 use maquette_value::{Along, KnotVector, Surface, SurfaceError};
-use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Moves the free points of a control net.
 
+use maquette_node::{Context, Error, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Direction, DirectionError, Field, Region};
-use maquette_node::{Context, Error, In, Node, Progress};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

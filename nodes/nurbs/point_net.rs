@@ -1,8 +1,8 @@
 //! Makes a control net of points that stand in the graph file.
 
+use maquette_node::{Context, Error, Node};
 use maquette_value as value;
 use maquette_value::ControlNetError;
-use maquette_node::{Context, Error, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Makes a control net of a profile that turns around an axis.
 
+use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Curve};
-use maquette_node::{Context, Error, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

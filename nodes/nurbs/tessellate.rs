@@ -1,11 +1,10 @@
 //! Makes a mesh of a surface.
 
-use maquette_value::{Mesh, MeshError, Surface};
+use maquette_base::limits::VERTICES;
 use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_value::{Mesh, MeshError, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_base::limits::VERTICES;
 
 /// Makes a mesh of quads of a surface, with its exact normals and its parameters, scaled to 0..1, as `uv`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

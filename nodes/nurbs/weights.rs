@@ -1,8 +1,8 @@
 //! Changes how strongly control points attract their surface.
 
+use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Region};
-use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! The direction that a region looks in.
 
-use maquette_value::{Direction, DirectionError, RangeImage, Region};
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::{Direction, DirectionError, RangeImage, Region};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Smooths the depth of a range image where it is noise, not where it is an edge.
 
-use maquette_value::parallel::*;
-use maquette_value::RangeImage;
 use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_value::RangeImage;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,9 @@
 //! Takes one labelled part of a picture as a region of the range grid.
 
-use maquette_value::{Labels, RangeImage, Region, RegionError};
+use maquette_base::linear::laplace::Unsolved;
+use maquette_image::{Connectivity, close, label};
 use maquette_node::{Context, Error, In, Node, Progress, Want};
+use maquette_value::{Labels, RangeImage, Region, RegionError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,8 +11,6 @@ use serde::{Deserialize, Serialize};
 use super::grid::contour::contours;
 use super::grid::footprint::covered_cells;
 use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
-use maquette_base::linear::laplace::Unsolved;
-use maquette_image::{Connectivity, close, label};
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///

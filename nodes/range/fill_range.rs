@@ -1,7 +1,7 @@
 //! Fills what a scanner did not see in the middle of what it saw.
 
-use maquette_value::{RangeImage, SizeError};
 use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_value::{RangeImage, SizeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

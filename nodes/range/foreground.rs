@@ -1,12 +1,11 @@
 //! Tells the object from its background.
 
+use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
+use maquette_node::{Context, Error, In, Node};
 use maquette_value::parallel::*;
 use maquette_value::{Color, Image, Mask, RangeImage};
-use maquette_node::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 
 /// Marks the pixels of the picture on which the object is seen.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

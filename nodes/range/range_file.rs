@@ -4,8 +4,8 @@ use maquette_format::camera;
 use maquette_format::camera::{CameraError, CameraFile, View};
 use maquette_format::pcd::PcdError;
 use maquette_format::range_file;
-use maquette_value::RangeImage;
 use maquette_node::{Context, Error, FilePath};
+use maquette_value::RangeImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -3,8 +3,8 @@
 use maquette_format::camera::CameraFile;
 use maquette_format::picture_file;
 use maquette_format::picture_file::PictureError;
-use maquette_value::{Image, RangeImage, Registration};
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Reads a grid of points from a file of its own, with its colors if it has some.
 
 use maquette_format::camera::CameraFile;
-use maquette_value::{Image, RangeImage};
 use maquette_node::{Context, Error, FilePath, Node};
+use maquette_value::{Image, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Makes a mesh of a range image.
 
+use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Takes away what lies elsewhere.
 
-use maquette_value::Mesh;
 use maquette_node::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

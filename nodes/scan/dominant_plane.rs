@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use maquette_value::random::Random;
 use maquette_value::{Faces, Mesh};
-use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Takes away cells of a range image.
 
-use maquette_value::{Mask, RangeImage};
 use maquette_node::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::{Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use maquette_value::{Mesh, RangeImage};
-use maquette_node::{Carry, Context, Error, Fate, In, Node};
 use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Carry, Context, Error, Fate, In, Node};
+use maquette_value::{Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

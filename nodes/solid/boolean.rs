@@ -1,7 +1,7 @@
 //! Unites solids, cuts them out of each other, or takes what they have in common.
 
-use maquette_value::Mesh;
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,16 +1,16 @@
 //! What solids make of each other.
 
-use maquette_value::{Mesh, MeshError, TriangleTree};
-use maquette_node::{Cancelled, Progress};
+use cut::Cut;
 use maquette_mesh::{MergeError, Poses, merge};
+use maquette_node::{Cancelled, Progress};
+use maquette_value::{Mesh, MeshError, TriangleTree};
+use meet::{NoSolid, Pair};
 use thiserror::Error;
+use weld::weld;
 
 use crate::lend::lend;
 use crate::operation::Operation;
 use crate::volume::volume;
-use cut::Cut;
-use meet::{NoSolid, Pair};
-use weld::weld;
 
 mod cut;
 mod exact;

@@ -2,10 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want};
+use depth::Depth;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::{MergeError, Poses, merge};
+use maquette_node::{
+    Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want,
+};
+use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +19,6 @@ use crate::contour::Contour;
 use crate::lend::lend;
 use crate::operation::Operation;
 use crate::volume::volume;
-use depth::Depth;
 
 mod depth;
 mod walls;

@@ -1,8 +1,8 @@
 //! What is no farther from triangles than a radius.
 
+use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use maquette_value::parallel::*;
 use maquette_value::{Bounds, Faces, Mesh, MeshError, NearestPlace, TriangleTree};
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use maquette_value::{Mesh, MeshError, TriangleTree};
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
 use maquette_fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_value::{Mesh, MeshError, TriangleTree};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,9 +1,9 @@
 //! Makes a solid of a surface.
 
-use maquette_value::{Mesh, MeshError};
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
 use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
+use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;

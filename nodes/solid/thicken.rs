@@ -1,8 +1,8 @@
 //! Walls that are thick enough.
 
+use maquette_node::{Cancelled, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Behind, Faces, Mesh, MeshError, TriangleTree};
-use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 

@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use maquette_graph::stamp::FINE_GRAIN;
 use maquette_node::CancelToken;
 
 use super::record::Record;
 use super::run::{Batch, Standing};
 use crate::eval::Observer;
 use crate::session::Session;
-use crate::stamp::FINE_GRAIN;
 
 /// A task that came to its end.
 pub(crate) struct Ended {

@@ -4,6 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Checked, Files, Graph, GraphNode, Options};
+#[cfg(test)]
+use maquette_graph::{Word, words_of_choices, words_of_fields};
 use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
 use maquette_syntax::paths::{folder_of_new, project_root};
 use maquette_syntax::{
@@ -15,10 +19,6 @@ use serde::Deserialize;
 
 use super::axis::{Axis, Reader, Row, Rows, Set};
 use super::names::{Clash, Template, Wrong, clash};
-use crate::catalog::Catalog;
-use crate::graph::{Checked, Files, Graph, GraphNode, Options};
-#[cfg(test)]
-use crate::graph::{Word, words_of_choices, words_of_fields};
 
 /// How files of sweeps are called.
 pub(crate) const ENDING: &str = ".sweep.ron";

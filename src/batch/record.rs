@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::files::KnownFile;
 use maquette_value::Hash;
 use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use crate::files::KnownFile;
 use crate::session::Left;
 use crate::writing::{Destination, Refused};
 

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use maquette_graph::{Graph, Options};
 use maquette_node::CancelToken;
 use maquette_render::{Kind, Look, View, picture};
 use maquette_syntax::error::{Problem, Severity};
@@ -15,7 +16,6 @@ use super::file::with;
 use super::record::{Output, Record, State, picture_path};
 use super::{Picture, Sweep, Task};
 use crate::eval::{Forecast, Observer, RunTrace, State as NodeState};
-use crate::graph::{Graph, Options};
 use crate::session::{Finished, Left, OutputFolder, ReadFiles, Run, Session, Wanted};
 use crate::writing::{Destination, Sources};
 

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
 use maquette_syntax::first_word;
@@ -22,7 +23,6 @@ use crate::batch::{
     self, Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
     at_a_time, default_folder,
 };
-use crate::catalog::Catalog;
 use crate::eval::Observer;
 use crate::session::Session;
 

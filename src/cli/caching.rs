@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 
 use super::eprint;
-use crate::catalog::Catalog;
 use crate::session::{CacheFolder, CacheServer, Session, Settings, size};
 
 /// How many bytes of memory results may hold if nothing is said.
@@ -175,9 +175,9 @@ fn percentage(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use maquette_graph::catalog::Catalog;
 
     use super::*;
-    use crate::catalog::Catalog;
 
     #[derive(Parser)]
     struct Words {

@@ -4,14 +4,13 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Place, Problem, Severity, code};
 use serde_json::json;
 
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
-use crate::catalog::Catalog;
-use crate::graph::Graph;
 use crate::suite::{FileKind, of_file, shared};
 use crate::writing::{Turn, replace};
 
@@ -93,7 +92,7 @@ impl Check {
             return Err("--fix writes files: there is none to write behind `-`".into());
         }
         let failed = |error| format!("cannot write {}: {error}", path.display());
-        let (mended, problems) = Graph::fixed(path, &text, catalog, &self.options.all());
+        let (mended, problems) = maquette_edit::fixed(path, &text, catalog, &self.options.all());
         if problems.is_empty() {
             return Ok(text);
         }

@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 use maquette_value::AnyValue;
 
 use super::{Exit, eprint, print, print_json};
-use crate::catalog::Catalog;
 use crate::golden::compare::in_unit;
 use crate::golden::{Keep, Tolerance, Verdict, compare};
 

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use maquette_graph::expression::{Outcome, evaluate, named_parameters};
 use maquette_syntax::{Quantity, Unit, unknown};
-
-use super::expression::{Outcome, evaluate, named_parameters};
 
 /// A condition whose names are all known.
 pub(crate) struct Condition<'t> {

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::Graph;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
 use serde_json::json;
 
 use super::{Exit, print, print_json, report};
-use crate::catalog::Catalog;
-use crate::graph::Graph;
 
 /// Graphs that they use are compared, too, where each of them has its own, as two checkouts of a project have.
 ///

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_diagram::Drawing;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Graph, Options};
 use maquette_value::plain::ending;
 
 use super::{Exit, print_document, report};
-use crate::catalog::Catalog;
-use crate::draw::Drawing;
-use crate::graph::{Files, Graph, Options};
 use crate::writing::{Destination, Sources};
 
 #[derive(Args)]

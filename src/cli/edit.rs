@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
+use maquette_edit::{Edit as GraphEdit, Edited};
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Graph, Options};
 use maquette_syntax::error::{Problem, Source};
 use maquette_value::plain;
 
 use super::{Exit, assignment, eprint, print, print_document, report};
-use crate::catalog::Catalog;
-use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
 use crate::writing::{Turn, replace};
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
@@ -155,7 +156,7 @@ impl GraphFile<'_> {
         catalog: &Catalog,
     ) -> Result<Edited, EditError> {
         let (text, options) = (self.text()?, self.options());
-        Graph::edit(self.graph, &text, edits, catalog, &options).map_err(EditError::Refused)
+        maquette_edit::edit(self.graph, &text, edits, catalog, &options).map_err(EditError::Refused)
     }
 
     pub(super) fn text(&self) -> Result<String, EditError> {
@@ -195,7 +196,7 @@ impl GraphFile<'_> {
             }
             let source = |text| Source { name: self.graph.to_owned(), text };
             let [base, ours, theirs] = [before, text, after].map(source);
-            let merge = Graph::merge(self.graph, [&base, &ours, &theirs], catalog);
+            let merge = maquette_edit::merge(self.graph, [&base, &ours, &theirs], catalog);
             if !merge.conflicts.is_empty() {
                 return Err(EditError::Conflict(merge.conflicts));
             }

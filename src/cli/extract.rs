@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_edit::{Extracted, Extraction};
+use maquette_graph::catalog::Catalog;
 
 use super::edit::{EditError, GraphFile};
 use super::{Exit, print, print_document};
-use crate::catalog::Catalog;
-use crate::graph::{Extracted, Extraction, Graph};
 use crate::writing::rewrite_with;
 
 /// Every value stays what it was, and nothing is computed anew. What names the nodes in other files, as a Patch, a test or a pin does,
@@ -72,7 +72,7 @@ impl Extract {
         let (kind, name) = (self.name.clone(), self.node.clone());
         let extraction = Extraction { nodes, to, kind, name };
         let (text, options) = (file.text()?, file.options());
-        let done = Graph::extract(file.graph, &text, &extraction, catalog, &options);
+        let done = maquette_edit::extract(file.graph, &text, &extraction, catalog, &options);
         done.map_err(EditError::Refused)
     }
 }

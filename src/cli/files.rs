@@ -3,10 +3,11 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::{LOCK_ENDING, PINS_ENDING};
+
 use super::serve::LAYOUT_ENDING;
 use crate::batch;
 use crate::golden::case;
-use crate::graph::{LOCK_ENDING, PINS_ENDING};
 
 /// The files of some paths, and what could not be read. Of folders all `.ron` files, in the order of their names, and those of the
 /// folders in them, hidden ones left out. What programs keep beside graphs is passed over, unless it is all that is named.

@@ -4,12 +4,12 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::Options;
 use maquette_value::plain;
 
 use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
-use crate::catalog::Catalog;
-use crate::graph::{Graph, Options};
 use crate::writing::{Turn, replace};
 
 #[derive(Args)]
@@ -49,8 +49,8 @@ impl Fmt {
             }
         };
         let form = match self.minimal {
-            true => Graph::minimal(path, &text, catalog, &Options::default()),
-            false => Graph::formatted(path, &text),
+            true => maquette_edit::minimal(path, &text, catalog, &Options::default()),
+            false => maquette_edit::formatted(path, &text),
         };
         let form = match form {
             Ok(form) => form,

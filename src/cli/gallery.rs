@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use maquette_format::png;
+use maquette_graph::catalog::{Catalog, Description, describe_default, describe_parameter};
+use maquette_graph::{Graph, Options, Subgraph};
 use maquette_render::{View, render};
 use maquette_syntax::any_of;
 use maquette_value::AnyValue;
@@ -15,8 +17,6 @@ use serde_json::Value as Json;
 use super::caching::CacheOptions;
 use super::files::is_no_graph;
 use super::{Exit, all_outputs, counted, eprint, print, report};
-use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
-use crate::graph::{Graph, Options, Subgraph};
 use crate::session::Session;
 use crate::suite::FileKind;
 use crate::writing::{Destination, Refused, Sources};

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_edit::Edited;
+use maquette_graph::catalog::Catalog;
 
 use super::Exit;
 use super::edit::{EditError, GraphFile};
-use crate::catalog::Catalog;
-use crate::graph::{Edited, Graph};
 
 /// Every value stays what it was, and nothing is computed anew. The used graph's file stays as it is.
 #[derive(Args)]
@@ -43,7 +43,7 @@ impl Inline {
     fn inlined(&self, file: &GraphFile<'_>, catalog: &Catalog) -> Result<Edited, EditError> {
         let _turn = if self.dry_run { None } else { Some(file.turn()?) };
         let (text, options) = (file.text()?, file.options());
-        let edited = Graph::inline(file.graph, &text, &self.node, catalog, &options);
+        let edited = maquette_edit::inline(file.graph, &text, &self.node, catalog, &options);
         let edited = edited.map_err(EditError::Refused)?;
         if !self.dry_run {
             file.write(&edited)?;

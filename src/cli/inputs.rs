@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::Graph;
 use maquette_syntax::error::Problem;
 
 use super::{Exit, report};
-use crate::graph::Graph;
 use crate::session::Session;
 use crate::writing::Sources;
 

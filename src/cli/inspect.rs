@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use maquette_format::png;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use maquette_node::CancelToken;
 use maquette_node::pack::NewFile;
 use maquette_render::{Kind, View, picture_of};
@@ -21,8 +23,6 @@ use super::look::{At, Over, Request, Source, at};
 use super::new::in_meters;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
-use crate::catalog::Catalog;
-use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use crate::probe::{self, shown};
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};

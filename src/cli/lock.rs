@@ -5,12 +5,12 @@ use std::io::{BufRead as _, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Lock as LockFile, Locked, Options, UsedNow, differences, lock_beside};
 use maquette_syntax::error::Problem;
 use maquette_syntax::unknown;
 
 use super::{Exit, counted, eprint, print, report};
-use crate::catalog::Catalog;
-use crate::graph::{Files, Lock as LockFile, Locked, Options, UsedNow, differences, lock_beside};
 use crate::writing::{Turn, keep_beside};
 
 #[derive(Args)]

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use clap::Args;
+use maquette_graph::{Broken, Graph};
 use maquette_render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use maquette_syntax::error::Problem;
 use maquette_syntax::{unknown, with_article};
@@ -10,7 +11,6 @@ use maquette_value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 use nalgebra::Point3;
 
 use super::{Exit, report};
-use crate::graph::{Broken, Graph};
 use crate::session::{Run, Session, Wanted};
 
 /// What `--at` names.

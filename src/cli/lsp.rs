@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use clap::Args;
 use lsp_server::Connection;
+use maquette_graph::catalog::Catalog;
 
 use super::Exit;
 use super::caching::CacheOptions;
-use crate::catalog::Catalog;
 use crate::lsp::{Setup, serve};
 
 #[derive(Args)]

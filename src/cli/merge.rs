@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_edit::Merge as Merged;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
 use maquette_value::plain;
 
 use super::{Exit, eprint, print_document, report};
-use crate::catalog::Catalog;
-use crate::graph::{Graph, Merge as Merged};
 use crate::writing::rewrite;
 
 /// For git, in the project's `.gitattributes`: `*.ron merge=maquette`; and once for each user:
@@ -47,7 +47,7 @@ impl Merge {
             };
             texts.push(Source { name, text });
         }
-        let merged = Graph::merge(path, [&texts[0], &texts[1], &texts[2]], catalog);
+        let merged = maquette_edit::merge(path, [&texts[0], &texts[1], &texts[2]], catalog);
         let Merged { text, conflicts, problems, by_lines } = merged;
         if self.print {
             print_document(&text);

@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::Graph;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::first_word;
 
 use super::edit::changed_lines;
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, counted, eprint, print, print_document, report};
-use crate::catalog::Catalog;
 use crate::golden::case;
-use crate::graph::Graph;
 use crate::writing::{Turn, replace};
 
 /// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.

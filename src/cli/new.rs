@@ -4,13 +4,13 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Graph, Options};
 use maquette_node::pack::Recipe;
 use maquette_syntax::paths::folder_of_new;
 use maquette_syntax::{parse, shell, unknown};
 
 use super::{Exit, eprint, print, report};
-use crate::catalog::Catalog;
-use crate::graph::{Files, Graph, Options};
 use crate::writing::{make_folder, remove_empty, write_new};
 
 mod scans;
@@ -58,8 +58,8 @@ impl New {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let unread = scans.unread.iter().map(|why| format!("// Not used: {why}\n"));
         let text = String::from_iter(unread.chain([recipe.text.to_owned()]));
-        let edited = Graph::edited(&path, &text, &set, catalog, &options);
-        let text = match edited.and_then(|edited| Graph::formatted(&path, &edited.text)) {
+        let edited = maquette_edit::edited(&path, &text, &set, catalog, &options);
+        let text = match edited.and_then(|edited| maquette_edit::formatted(&path, &edited.text)) {
             Ok(text) => text,
             Err(problems) => {
                 report(&problems);

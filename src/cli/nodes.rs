@@ -4,13 +4,13 @@ use std::fmt::Write;
 use std::path::Path;
 
 use clap::Args;
+use maquette_graph::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
+use maquette_graph::{Files, Graph, Options, Subgraph};
 use maquette_syntax::error::{Problem, Severity};
 use maquette_syntax::{any_of, inside, nearest, unknown, variants};
 use serde_json::{Value as Json, json};
 
 use super::{Exit, print, print_json, program, report};
-use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
-use crate::graph::{Files, Graph, Options, Subgraph};
 
 #[derive(Args)]
 pub(super) struct Nodes {

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, Options, Pins};
 use maquette_syntax::error::Severity;
 use maquette_syntax::unknown;
 
 use super::caching::{self, CacheOptions};
 use super::{Exit, eprint, print, report};
-use crate::catalog::Catalog;
-use crate::graph::{Graph, Options, Pins};
 use crate::session::{PinError, Run, Wanted, means, pinnable, unpin};
 
 #[derive(Args)]

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use maquette_format::png;
+use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_render::{Kind, Projection, View};
 use maquette_value::Image;
@@ -16,7 +17,6 @@ use super::inspect::view;
 use super::look::{At, Over, Request, Source, at, place};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
-use crate::catalog::Catalog;
 use crate::session::{Run, Wanted};
 use crate::writing::{Destination, Sources};
 

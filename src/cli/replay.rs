@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Graph, GraphOutput, Options};
 use maquette_node::provenance::{Found, Provenance, Signature, find};
 use maquette_syntax::paths::{folder_of_new, project_root};
 use maquette_syntax::unknown;
@@ -15,8 +17,6 @@ use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
-use crate::catalog::Catalog;
-use crate::graph::{Files, Graph, GraphOutput, Options};
 use crate::session::{OutputFolder, Run, Wanted, sign};
 
 /// Whether files tell where they came from.

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use maquette_graph::Graph;
+use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
@@ -20,9 +22,7 @@ use super::{
     Exit, GraphOptions, column_width, counted, eprint, in_bytes, interrupt, print, print_json,
     put_problems, report,
 };
-use crate::catalog::Catalog;
 use crate::eval::{Exchange, Forecast, Observer, RunTrace, State};
-use crate::graph::Graph;
 use crate::session::{Produced, Written};
 use crate::writing::Sources;
 

@@ -11,6 +11,10 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use clap::Args;
+use maquette_diagram::Places;
+use maquette_edit::Edited;
+use maquette_graph::catalog::{Catalog, Entry};
+use maquette_graph::{Graph, GraphInput, Options, PINS_ENDING};
 use maquette_node::CancelToken;
 use maquette_value::ValueType;
 use maquette_value::plain;
@@ -25,9 +29,6 @@ use super::caching::CacheOptions;
 use super::edit::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
-use crate::catalog::{Catalog, Entry};
-use crate::draw::Places;
-use crate::graph::{Edited, Graph, GraphInput, Options, PINS_ENDING};
 use crate::writing::Shelf;
 
 mod columns;
@@ -213,7 +214,8 @@ impl Server<'_> {
             None => read().map_err(|error| error.to_string())?,
         };
         let options = Options { roots, ..Options::default() };
-        let (checked, outline) = Graph::outline(&graph, text.clone(), self.catalog, &options);
+        let (checked, outline) =
+            maquette_diagram::outline(&graph, text.clone(), self.catalog, &options);
         let checked = checked.as_far_as_known();
         let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
         match Layout::of(&graph) {

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use maquette_edit::Edit as GraphEdit;
+use maquette_graph::catalog::Catalog;
 
 use super::edit::GraphFile;
 use super::{Exit, assignment, print, print_document};
-use crate::catalog::Catalog;
-use crate::graph::Edit as GraphEdit;
 
 #[derive(Args)]
 pub(super) struct Set {

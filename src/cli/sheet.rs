@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use maquette_format::png;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, Options};
 use maquette_render::{Kind, Look, View, picture};
 use maquette_syntax::inside;
 use maquette_value::{Image, Layer, Rgb};
@@ -14,8 +16,6 @@ use super::caching::CacheOptions;
 use super::files::{is_no_graph, without};
 use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
-use crate::catalog::Catalog;
-use crate::graph::{Graph, Options};
 use crate::session::Session;
 use crate::writing::{Destination, Sources};
 

@@ -8,13 +8,13 @@ use std::process::Command;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
 use super::files::{is_beside, without};
 use super::{Exit, counted, eprint, print, print_json, report};
-use crate::catalog::Catalog;
 use crate::eval::State as NodeState;
 use crate::golden::case;
 use crate::golden::compare::{Comparison, Verdict, six};

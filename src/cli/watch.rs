@@ -10,6 +10,9 @@ use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
 use maquette_format::camera;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::files::named_in;
+use maquette_graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use maquette_syntax::error::{Problem, code};
 use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
@@ -20,9 +23,6 @@ use super::inputs::InputOptions;
 use super::replay::ProvenanceOptions;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
-use crate::catalog::Catalog;
-use crate::files::named_in;
-use crate::graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use crate::page::{Page, Redirect, Wish};
 use crate::watch::{self, Event, Sources, WatchList};
 

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_graph::catalog::Catalog;
 
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::{Exit, GraphOptions, print, report};
-use crate::catalog::Catalog;
 
 #[derive(Args)]
 pub(super) struct Why {

@@ -3,6 +3,8 @@
 use std::sync::mpsc;
 use std::time::Duration;
 
+use maquette_graph::Graph;
+use maquette_graph::catalog::Entry;
 use maquette_node::{CancelToken, Progress};
 use maquette_syntax::{inside, resolve, variants};
 use maquette_value::AnyValue;
@@ -10,8 +12,6 @@ use maquette_value::random::Random;
 use serde_json::Value as Json;
 
 use super::{Hostile, Values, call, inputs};
-use crate::catalog::Entry;
-use crate::graph::Graph;
 
 /// What is checked: a node of its example, and the values of the example.
 pub(super) struct Case<'a> {

@@ -2,9 +2,8 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use maquette_graph::catalog::Catalog;
 use maquette_node::reading::{AnyReader, Reading};
-
-use crate::catalog::Catalog;
 
 /// At so many places a file is cut, and at so many a byte of it is another one.
 const PLACES: usize = 24;

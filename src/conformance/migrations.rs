@@ -1,8 +1,7 @@
 //! The law of old names: what is called otherwise now is told from what is there.
 
+use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::pack::{Migration, NewValue, Pack};
-
-use crate::catalog::{Catalog, Entry};
 
 pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
     for migration in pack.migrations {

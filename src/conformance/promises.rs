@@ -1,11 +1,11 @@
 //! Law 10: what nodes promise of their outputs holds.
 
+use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::{Progress, Source};
 use maquette_value::AnyValue;
 
 use super::extremes::Case;
 use super::{inputs, made};
-use crate::catalog::{Catalog, Entry};
 
 /// Ports, outputs and properties that are named are there.
 pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {

@@ -2,13 +2,13 @@
 
 use std::iter;
 
+use maquette_graph::{Graph, GraphNode};
 use maquette_node::{Previous, Progress};
 use maquette_value::random::Random;
 use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
 
 use super::extremes::Case;
 use super::{inputs, within};
-use crate::graph::{Graph, GraphNode};
 
 /// So many changes are made to each value.
 const CHANGES: usize = 12;

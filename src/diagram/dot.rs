@@ -6,7 +6,7 @@ use super::{Block, Drawing};
 
 impl Drawing {
     /// The graph in the language of Graphviz: a cluster per pack, ports as the fields of records, types on the links.
-    pub(crate) fn to_dot(&self) -> String {
+    pub fn to_dot(&self) -> String {
         let mut text = String::from("digraph {\n");
         let _ = writeln!(text, "  graph [rankdir=LR, tooltip={}];", plain(&self.doc));
         text += "  node [shape=record, style=rounded, fontname=\"Helvetica\", fontsize=11];\n";
@@ -83,7 +83,7 @@ fn quoted(label: &str) -> String {
 mod tests {
     use expect_test::expect;
 
-    use crate::draw::tests::scan;
+    use crate::drawing::tests::scan;
 
     #[test]
     fn packs_are_clusters_and_links_carry_their_types() {

@@ -1,16 +1,16 @@
 //! A drawing as data, for viewers that draw it themselves.
 
+use maquette_graph::DraftField;
 use maquette_syntax::error::{Lines, Place};
 use serde_json::{Value as Json, json};
 
 use super::svg::Picture;
 use super::{Block, Drawing};
-use crate::graph::DraftField;
 
 impl Drawing {
     /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
     /// corner.
-    pub(crate) fn to_json(&self) -> Json {
+    pub fn to_json(&self) -> Json {
         let picture = self.placed();
         let columns = picture.columns();
         let mut lines = Lines::default();

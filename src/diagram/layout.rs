@@ -19,7 +19,7 @@ use petgraph::graph::{DiGraph, NodeIndex};
 
 /// A box to be placed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Node {
+pub(crate) struct Node {
     pub(super) height: f64,
     /// Whether it stands in the last column.
     pub(super) last: bool,

@@ -6,23 +6,22 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_edit::References;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::check::{Whole, first, judged};
+use maquette_graph::describe::Subgraph;
+use maquette_graph::draft::{Draft, What};
+use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::quality::has_draft;
+use maquette_graph::{Checked, Options};
 use maquette_syntax::error::{Lines, Place, Span};
 use maquette_syntax::{Body, Kind, Sheet, Token, Tree, tokens};
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use super::check::{Whole, first, judged};
-use super::describe::Subgraph;
-use super::draft::{Draft, What};
-use super::edit::References;
-use super::meaning::{entries, named_node};
-use super::quality::has_draft;
-use super::{Checked, Graph, Options};
-use crate::catalog::Catalog;
-
 /// The parts of a graph's text, each section in the order of the text.
 #[derive(Debug, Serialize)]
-pub(crate) struct Outline {
+pub struct Outline {
     pub(crate) doc: String,
     /// The graphs that it uses, described as types of nodes.
     pub(crate) types: Vec<Json>,
@@ -57,7 +56,7 @@ pub(crate) struct Entry {
 
 /// A node.
 #[derive(Debug, Serialize)]
-pub(crate) struct Node {
+pub struct Node {
     #[serde(flatten)]
     pub(crate) entry: Entry,
     /// The fields that are written, by name, with their values as these are written.
@@ -79,7 +78,7 @@ pub(crate) struct Link {
 
 /// What a link leads to.
 #[derive(Debug, Serialize)]
-pub(crate) struct Target {
+pub struct Target {
     /// As it is written: `scan.color`.
     pub(crate) to: String,
     /// The node or input. That of an element of a `ForEach` is the `ForEach`.
@@ -107,23 +106,21 @@ pub(crate) struct Given {
     pub(crate) link: Option<Target>,
 }
 
-impl Graph {
-    /// What is known of the graph file at `path` with this text, and the text's parts; those of a patch are the graph's that it
-    /// patches. No parts if it cannot be said what stands in it.
-    pub(crate) fn outline(
-        path: &Path,
-        text: String,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> (Checked, Option<Outline>) {
-        let (world, whole) = first(path, text, catalog, options);
-        let outline = whole.as_ref().map(|whole| {
-            let used = world.listed.iter().filter(|(depth, ..)| *depth == 1);
-            let used = used.map(|(_, name, graph)| Subgraph::new(name, graph));
-            Outliner::new(whole).outline(used.map(|used| used.description().to_json()).collect())
-        });
-        (judged(world, whole.map(Arc::new)), outline)
-    }
+/// What is known of the graph file at `path` with this text, and the text's parts; those of a patch are the graph's that it
+/// patches. No parts if it cannot be said what stands in it.
+pub fn outline(
+    path: &Path,
+    text: String,
+    catalog: &Catalog,
+    options: &Options,
+) -> (Checked, Option<Outline>) {
+    let (world, whole) = first(path, text, catalog, options);
+    let outline = whole.as_ref().map(|whole| {
+        let used = world.listed.iter().filter(|(depth, ..)| *depth == 1);
+        let used = used.map(|(_, name, graph)| Subgraph::new(name, graph));
+        Outliner::new(whole).outline(used.map(|used| used.description().to_json()).collect())
+    });
+    (judged(world, whole.map(Arc::new)), outline)
 }
 
 /// Reads the parts of a text.

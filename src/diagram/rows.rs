@@ -5,14 +5,14 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 use super::layout::{End, Layout, Link, Node, layout};
-use crate::graph::{Outline, OutlineNode, Target};
+use super::{Outline, OutlineNode, Target};
 
 /// Where boxes may stand: column from the left, and rows below the highest one.
 ///
 /// A box has a title as high as one and a half rows, then a row for each of its outputs, ports and other fields. All inputs are one box, and
 /// all outputs of the graph.
 #[derive(Debug, Default, Serialize)]
-pub(crate) struct Places {
+pub struct Places {
     pub(crate) inputs: (usize, f64),
     /// In the order of the nodes.
     pub(crate) nodes: Vec<(usize, f64)>,
@@ -30,7 +30,7 @@ type Row = (usize, usize);
 
 impl Places {
     /// Places for the boxes of an outline.
-    pub(crate) fn of(outline: &Outline) -> Self {
+    pub fn of(outline: &Outline) -> Self {
         let Outline { inputs, nodes, outputs, order, .. } = outline;
         let mut boxes = vec![boxed(inputs.len(), false)];
         let mut places = HashMap::new();

@@ -46,7 +46,7 @@ struct Measure {
 
 impl Drawing {
     /// The graph as an SVG picture.
-    pub(crate) fn to_svg(&self) -> String {
+    pub fn to_svg(&self) -> String {
         self.placed().draw()
     }
 
@@ -302,8 +302,8 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::draw::Drawing;
-    use crate::draw::tests::scan;
+    use crate::Drawing;
+    use crate::drawing::tests::scan;
 
     /// All numbers of an attribute.
     fn numbers(svg: &str, attribute: &str) -> Vec<f64> {

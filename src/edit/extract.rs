@@ -3,26 +3,27 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::check::folder_of;
+use maquette_graph::draft::What;
+use maquette_graph::meaning::named_node;
+use maquette_graph::migrate::kind_of;
+use maquette_graph::needs::Needs;
+use maquette_graph::rebase::path_of_use;
+use maquette_graph::top::field_of;
+use maquette_graph::Options;
+use maquette_graph::{
+    Refusal, Splice, added, apply, behind, field, newline, parts, put_entry, reindented,
+};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::folder_of_new;
 use maquette_syntax::quoted;
 use maquette_syntax::{Ends, Tree, nearest_or_all};
 
-use super::check::folder_of;
-use super::draft::What;
-use super::edit::{
-    Edited, Judge, Refusal, Splice, added, apply, behind, field, newline, parts, put_entry,
-    reindented,
-};
 use super::format::entry_form;
-use super::meaning::named_node;
-use super::migrate::kind_of;
+use super::format::formatted;
 use super::moved::{Known, Linked, free_name, moved, part_with, refusal};
-use super::needs::Needs;
-use super::rebase::path_of_use;
-use super::top::field_of;
-use super::{Graph, Options};
-use crate::catalog::Catalog;
+use super::{Edited, Judge};
 
 mod border;
 mod naming;
@@ -59,50 +60,48 @@ pub struct Extracted {
     pub name: String,
 }
 
-impl Graph {
-    /// The texts of the graph file at `path` and of a new one, to which some of its nodes go. One use of the new graph takes their place.
-    ///
-    /// What the nodes take from others comes in at inputs, what others take from them goes out at outputs, and parameters that they name
-    /// are handed on: every value has the key that it had. Comments inside of the nodes, behind them and directly above go along, and
-    /// types of nodes that nothing else needs. All else keeps every byte, except for links to what has gone. What names the nodes in
-    /// other files, as a `Patch`, a test or a pin does, is not known here.
-    ///
-    /// # Errors
-    /// The graph has problems, or the nodes cannot be taken out, with the reason: one is not there, another one stands between them, a
-    /// list goes in or out, a name is taken, or the new file is there. Places are those in `text`. Or the new texts have problems.
-    pub fn extract(
-        path: &Path,
-        text: &str,
-        extraction: &Extraction,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> Result<Extracted, Vec<Problem>> {
-        // What is set stands in no text.
-        let options = &Options { set: Vec::new(), ..options.clone() };
-        let judge = Judge { path, catalog, options };
-        let (known, before) = judge.sound(text)?;
-        let refused = |refused| judge.refuse(text, refused);
-        let set = chosen(&known, &extraction.nodes).map_err(refused)?;
-        between(&known, &set).map_err(refused)?;
-        let border = Border::of(&known, &set).map_err(refused)?;
-        let names = New::of(&judge, &known, &set, extraction).map_err(refused)?;
-        let work = Work { judge: &judge, known: &known, set: &set, border: &border, new: &names };
-        let (new, file) = work.done().map_err(refused)?;
-        let file = Self::formatted(&names.path, &file)?;
-        let file = match Ends::of(text) {
-            Some(Ends::Windows) => Ends::Windows.put(file),
-            _ => file,
-        };
-        let New { kind, name, path: to, given } = names;
-        let inside = options.clone().with_text(folder_of(path).join(given), file.clone());
-        if before != (Judge { path, catalog, options: &inside }).computed(&new)? {
-            let message = "something would be computed otherwise than before";
-            let help = "this is a fault of the program: the graph is left as it is";
-            return Err(refused(refusal(code::EXPRESSION, Span::default(), message, help)));
-        }
-        let edited = Edited { text: new, before: text.to_owned(), changes: Vec::new() };
-        Ok(Extracted { edited, path: to, text: file, kind, name })
+/// The texts of the graph file at `path` and of a new one, to which some of its nodes go. One use of the new graph takes their place.
+///
+/// What the nodes take from others comes in at inputs, what others take from them goes out at outputs, and parameters that they name
+/// are handed on: every value has the key that it had. Comments inside of the nodes, behind them and directly above go along, and
+/// types of nodes that nothing else needs. All else keeps every byte, except for links to what has gone. What names the nodes in
+/// other files, as a `Patch`, a test or a pin does, is not known here.
+///
+/// # Errors
+/// The graph has problems, or the nodes cannot be taken out, with the reason: one is not there, another one stands between them, a
+/// list goes in or out, a name is taken, or the new file is there. Places are those in `text`. Or the new texts have problems.
+pub fn extract(
+    path: &Path,
+    text: &str,
+    extraction: &Extraction,
+    catalog: &Catalog,
+    options: &Options,
+) -> Result<Extracted, Vec<Problem>> {
+    // What is set stands in no text.
+    let options = &Options { set: Vec::new(), ..options.clone() };
+    let judge = Judge { path, catalog, options };
+    let (known, before) = judge.sound(text)?;
+    let refused = |refused| judge.refuse(text, refused);
+    let set = chosen(&known, &extraction.nodes).map_err(refused)?;
+    between(&known, &set).map_err(refused)?;
+    let border = Border::of(&known, &set).map_err(refused)?;
+    let names = New::of(&judge, &known, &set, extraction).map_err(refused)?;
+    let work = Work { judge: &judge, known: &known, set: &set, border: &border, new: &names };
+    let (new, file) = work.done().map_err(refused)?;
+    let file = formatted(&names.path, &file)?;
+    let file = match Ends::of(text) {
+        Some(Ends::Windows) => Ends::Windows.put(file),
+        _ => file,
+    };
+    let New { kind, name, path: to, given } = names;
+    let inside = options.clone().with_text(folder_of(path).join(given), file.clone());
+    if before != (Judge { path, catalog, options: &inside }).computed(&new)? {
+        let message = "something would be computed otherwise than before";
+        let help = "this is a fault of the program: the graph is left as it is";
+        return Err(refused(refusal(code::EXPRESSION, Span::default(), message, help)));
     }
+    let edited = Edited { text: new, before: text.to_owned(), changes: Vec::new() };
+    Ok(Extracted { edited, path: to, text: file, kind, name })
 }
 
 /// The places of nodes by their names.

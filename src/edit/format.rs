@@ -11,9 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
-use maquette_syntax::{Ends, Token, parse, printed, syntax_problems, tokens};
-
-use super::Graph;
+use maquette_syntax::{Ends, Token, parse, syntax_problems, tokens};
 
 /// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
 /// one line; at 120 every fifth of the long ones would become a block of five to ten lines.
@@ -28,32 +26,25 @@ const MOST_IN_LINE: usize = 4;
 /// A value of at most so many columns is short: many of them share a line.
 const SHORT: usize = 30;
 
-impl Graph {
-    /// A graph file's text in its canonical form; problems if it cannot be read. `name` is for the problems.
-    ///
-    /// Every comment is kept, and the order; the form of a canonical text is the text itself. Lines end as all of them do in the text;
-    /// with `\n` if they end differently.
-    pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
-        let (_, mistakes) = parse(text);
-        if !mistakes.is_empty() {
-            return Err(syntax_problems(name, text, mistakes));
-        }
-        let ends = Ends::of(text);
-        let plain = match ends {
-            Some(Ends::Windows) => text.replace("\r\n", "\n"),
-            _ => text.to_owned(),
-        };
-        let form = Printer::default().file(&Parts::new(&plain).file());
-        if inventory(&plain) == inventory(&form) {
-            return Ok(ends.unwrap_or(Ends::Unix).put(form));
-        }
-        Err(vec![fault(name, text, "the canonical form")])
+/// A graph file's text in its canonical form; problems if it cannot be read. `name` is for the problems.
+///
+/// Every comment is kept, and the order; the form of a canonical text is the text itself. Lines end as all of them do in the text;
+/// with `\n` if they end differently.
+pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
+    let (_, mistakes) = parse(text);
+    if !mistakes.is_empty() {
+        return Err(syntax_problems(name, text, mistakes));
     }
-
-    /// The text as its syntax tree prints it: the same bytes, however broken the text is.
-    pub fn printed(text: &str) -> String {
-        printed(text)
+    let ends = Ends::of(text);
+    let plain = match ends {
+        Some(Ends::Windows) => text.replace("\r\n", "\n"),
+        _ => text.to_owned(),
+    };
+    let form = Printer::default().file(&Parts::new(&plain).file());
+    if inventory(&plain) == inventory(&form) {
+        return Ok(ends.unwrap_or(Ends::Unix).put(form));
     }
+    Err(vec![fault(name, text, "the canonical form")])
 }
 
 /// What is made of a text, and would not say the same.

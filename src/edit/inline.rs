@@ -3,75 +3,73 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::definition::Definition;
+use maquette_graph::draft::What;
+use maquette_graph::expectation::Expectation;
+use maquette_graph::meaning::named_node;
+use maquette_graph::migrate::kind_of;
+use maquette_graph::rebase::path_of_use;
+use maquette_graph::top::name_of;
+use maquette_graph::Options;
+use maquette_graph::{
+    Refusal, Splice, added, apply, behind, field, opened, parts, put_entry, without,
+};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::folder_of_new;
 use maquette_syntax::paths::without_dots;
 use maquette_syntax::quoted;
 use maquette_syntax::{Field, Kind, Tree, nearest_or_all, with_article};
 
-use super::definition::Definition;
-use super::draft::What;
-use super::edit::{
-    Edit, Edited, Judge, Refusal, Splice, added, apply, behind, field, opened, parts, put_entry,
-    without,
-};
-use super::expectation::Expectation;
-use super::meaning::named_node;
-use super::migrate::kind_of;
 use super::moved::{
-    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with,
-    put_in_place, put_values, refusal,
+    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with, put_in_place,
+    put_values, refusal,
 };
-use super::rebase::path_of_use;
-use super::top::name_of;
-use super::{Graph, Options};
-use crate::catalog::Catalog;
+use super::{Edit, Edited, Judge};
 
-impl Graph {
-    /// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`Graph::extract`] has done is undone.
-    ///
-    /// The nodes come with their comments, and with the use's values in place of the graph's parameters. Each keeps its name if that is
-    /// free; else the use's name goes before it. Links to the use lead to the nodes, what the graph expects is expected of them, and its
-    /// types of nodes come along. Every value has the key that it had. The graph's file stays as it is.
-    ///
-    /// # Errors
-    /// The graph has problems, the node is no use of a graph or stands in a `ForEach`, or its nodes cannot say the same here: because of
-    /// what the graph wants of its inputs or promises, or of a value that an expression cannot say. Or the new text has problems. Places
-    /// are those in `text` or in that of the used graph.
-    pub fn inline(
-        path: &Path,
-        text: &str,
-        node: &str,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> Result<Edited, Vec<Problem>> {
-        // What is set stands in no text.
-        let options = &Options { set: Vec::new(), ..options.clone() };
-        let judge = Judge { path, catalog, options };
-        let (known, before) = judge.sound(text)?;
-        let refused = |refused| judge.refuse(text, refused);
-        let name = node.strip_prefix("nodes.").unwrap_or(node);
-        let (at, graph) = used(&known, name).map_err(refused)?;
-        let file = graph.sheet.folder.join(graph.sheet.source.name.file_name().unwrap_or_default());
-        let mut inside = judge.reading();
-        inside.roots.extend(known.roots.iter().cloned());
-        let inner = Judge { path: &file, catalog, options: &inside };
-        let edits = ready(&known, at, graph);
-        let own = inner.done(&graph.sheet.source.text, &edits, std::iter::empty())?.text;
-        let inner_known = Known::read(&file, &own, catalog, &inside)?;
-        let work = Work::of(&known, at, &inner_known, path, &file);
-        let named = Judge { path: &graph.sheet.source.name, ..inner };
-        let new = work.done().map_err(|(is_inside, told)| match is_inside {
-            true => named.refuse(&own, told),
-            false => judge.refuse(text, told),
-        })?;
-        let after = judge.computed(&new)?;
-        if before != after {
-            let span = known.entries("nodes")[at].0.span;
-            return Err(refused(unlike(name, graph, &before, &after, span)));
-        }
-        Ok(Edited { text: new, before: text.to_owned(), changes: Vec::new() })
+/// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`Graph::extract`] has done is undone.
+///
+/// The nodes come with their comments, and with the use's values in place of the graph's parameters. Each keeps its name if that is
+/// free; else the use's name goes before it. Links to the use lead to the nodes, what the graph expects is expected of them, and its
+/// types of nodes come along. Every value has the key that it had. The graph's file stays as it is.
+///
+/// # Errors
+/// The graph has problems, the node is no use of a graph or stands in a `ForEach`, or its nodes cannot say the same here: because of
+/// what the graph wants of its inputs or promises, or of a value that an expression cannot say. Or the new text has problems. Places
+/// are those in `text` or in that of the used graph.
+pub fn inline(
+    path: &Path,
+    text: &str,
+    node: &str,
+    catalog: &Catalog,
+    options: &Options,
+) -> Result<Edited, Vec<Problem>> {
+    // What is set stands in no text.
+    let options = &Options { set: Vec::new(), ..options.clone() };
+    let judge = Judge { path, catalog, options };
+    let (known, before) = judge.sound(text)?;
+    let refused = |refused| judge.refuse(text, refused);
+    let name = node.strip_prefix("nodes.").unwrap_or(node);
+    let (at, graph) = used(&known, name).map_err(refused)?;
+    let file = graph.sheet.folder.join(graph.sheet.source.name.file_name().unwrap_or_default());
+    let mut inside = judge.reading();
+    inside.roots.extend(known.roots.iter().cloned());
+    let inner = Judge { path: &file, catalog, options: &inside };
+    let edits = ready(&known, at, graph);
+    let own = inner.done(&graph.sheet.source.text, &edits, std::iter::empty())?.text;
+    let inner_known = Known::read(&file, &own, catalog, &inside)?;
+    let work = Work::of(&known, at, &inner_known, path, &file);
+    let named = Judge { path: &graph.sheet.source.name, ..inner };
+    let new = work.done().map_err(|(is_inside, told)| match is_inside {
+        true => named.refuse(&own, told),
+        false => judge.refuse(text, told),
+    })?;
+    let after = judge.computed(&new)?;
+    if before != after {
+        let span = known.entries("nodes")[at].0.span;
+        return Err(refused(unlike(name, graph, &before, &after, span)));
     }
+    Ok(Edited { text: new, before: text.to_owned(), changes: Vec::new() })
 }
 
 /// The place of a use among the nodes, and the graph that it is of.

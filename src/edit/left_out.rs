@@ -1,17 +1,17 @@
 //! A value for drafts where the file says nothing: the final value that goes beside it is the one that counts if it is left out.
 
+use maquette_graph::check::first;
+use maquette_graph::draft::What;
+use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::patch::is_patch;
+use maquette_graph::place::{Found, Refusal, field, find, place};
+use maquette_graph::quality::is_draft;
+use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Kind, Tree, inside, parse, ron, variants};
 use serde_json::Value as Json;
 
 use super::Judge;
-use super::place::{Found, Refusal, field, find, place};
-use crate::graph::check::first;
-use crate::graph::draft::What;
-use crate::graph::meaning::{entries, named_node};
-use crate::graph::patch::is_patch;
-use crate::graph::quality::is_draft;
-use crate::graph::{Files, Options};
 
 impl Judge<'_> {
     /// The value as it is put into a graph or a patch of it: for drafts, what is left out becomes a `Draft` whose final value is the

@@ -7,14 +7,14 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::diff::Change;
+use maquette_graph::{Difference, Files, Graph, Options};
 use maquette_syntax::error::{Problem, Severity, Source};
 use maquette_syntax::{Ends, Tree, parse, syntax_problems};
 
-use super::diff::Change;
-use super::edit::renamed_in;
 use super::minimal::cuts;
-use super::{Difference, Files, Graph, Options};
-use crate::catalog::Catalog;
+use super::renamed_in;
 
 mod align;
 mod lines;
@@ -48,41 +48,38 @@ pub struct Merge {
 /// What was renamed: the section, the old name, and the new one.
 type Renamed = (&'static str, String, String);
 
-impl Graph {
-    /// What `ours` and `theirs` have made of `base`, as one text. `path` is where the file belongs, for the graphs that it uses.
-    ///
-    /// Names, comments and the form of our text stay; what they changed and added is as they wrote it. If one of the texts is no RON,
-    /// lines are merged.
-    pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog) -> Merge {
-        let named = Named { path, catalog };
-        let texts = [base, ours, theirs].map(|source| &source.text[..]);
-        let ends = match Ends::of(texts[0]) == Ends::of(texts[1]) {
-            true => Ends::of(texts[2]),
-            false => Ends::of(texts[1]),
-        };
-        let own = |text: &str| match ends {
-            Some(_) => text.replace("\r\n", "\n"),
-            None => text.to_owned(),
-        };
-        let texts = texts.map(own);
-        let texts = texts.each_ref().map(|text| &text[..]);
-        let mut mistakes = Vec::new();
-        for source in [ours, theirs] {
-            mistakes.extend(syntax_problems(&source.name, &source.text, parse(&source.text).1));
-        }
-        let mut merged = match named.by_meaning(texts) {
-            Some(merged) if mistakes.is_empty() => merged,
-            _ => by_lines(texts, mistakes),
-        };
-        if let Some(ends) = ends {
-            merged.text = ends.put(merged.text);
-        }
-        if merged.conflicts.is_empty() && merged.problems.is_empty() {
-            merged.problems =
-                named.new_problems(&merged.text, [ours, theirs].map(|it| &it.text[..]));
-        }
-        merged
+/// What `ours` and `theirs` have made of `base`, as one text. `path` is where the file belongs, for the graphs that it uses.
+///
+/// Names, comments and the form of our text stay; what they changed and added is as they wrote it. If one of the texts is no RON,
+/// lines are merged.
+pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog) -> Merge {
+    let named = Named { path, catalog };
+    let texts = [base, ours, theirs].map(|source| &source.text[..]);
+    let ends = match Ends::of(texts[0]) == Ends::of(texts[1]) {
+        true => Ends::of(texts[2]),
+        false => Ends::of(texts[1]),
+    };
+    let own = |text: &str| match ends {
+        Some(_) => text.replace("\r\n", "\n"),
+        None => text.to_owned(),
+    };
+    let texts = texts.map(own);
+    let texts = texts.each_ref().map(|text| &text[..]);
+    let mut mistakes = Vec::new();
+    for source in [ours, theirs] {
+        mistakes.extend(syntax_problems(&source.name, &source.text, parse(&source.text).1));
     }
+    let mut merged = match named.by_meaning(texts) {
+        Some(merged) if mistakes.is_empty() => merged,
+        _ => by_lines(texts, mistakes),
+    };
+    if let Some(ends) = ends {
+        merged.text = ends.put(merged.text);
+    }
+    if merged.conflicts.is_empty() && merged.problems.is_empty() {
+        merged.problems = named.new_problems(&merged.text, [ours, theirs].map(|it| &it.text[..]));
+    }
+    merged
 }
 
 /// Where texts of a graph belong, and what their words mean.
@@ -200,7 +197,8 @@ impl Named<'_> {
     /// The text with another name of something in it; as it is if it has no such thing, or has the new name already.
     fn with_name(self, text: String, section: &str, old: &str, new: &str) -> String {
         let (tree, _) = parse(&text);
-        let mut known = super::meaning::entries(tree.fields().unwrap_or_default(), section);
+        let mut known =
+            maquette_graph::meaning::entries(tree.fields().unwrap_or_default(), section);
         if known.any(|(name, _)| name == new) {
             return text;
         }

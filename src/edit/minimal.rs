@@ -3,55 +3,53 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::check::{first, load_text};
+use maquette_graph::fitting::in_plain_numbers;
+use maquette_graph::meaning::{EMPTY, entries, is_default, is_empty, is_usual_most, named_node};
+use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};
 use serde_json::Value as Json;
 
-use super::check::{first, load_text};
-use super::fitting::in_plain_numbers;
-use super::format::fault;
-use super::meaning::{EMPTY, entries, is_default, is_empty, is_usual_most, named_node};
-use super::{Files, Graph, Options};
-use crate::catalog::Catalog;
+use super::format::{fault, formatted};
 
-impl Graph {
-    /// A graph file's text in its canonical form, without values that are their defaults. Every comment is kept. What is no graph of its
-    /// own, as a `Patch` or a test, is only brought into its form.
-    ///
-    /// # Errors
-    /// If the text cannot be read.
-    pub fn minimal(
-        path: &Path,
-        text: &str,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> Result<String, Vec<Problem>> {
-        let form = Self::formatted(path, text)?;
-        let options = Options { files: Files::Ignored, ..options.clone() };
-        let mut short = form.clone();
-        // What has nothing left in it may be a default itself.
-        loop {
-            let cuts = cuts(path, &short, catalog, &options);
-            if cuts.is_empty() {
-                break;
-            }
-            short = Self::formatted(path, &without(&short, &cuts))?;
+/// A graph file's text in its canonical form, without values that are their defaults. Every comment is kept. What is no graph of its
+/// own, as a `Patch` or a test, is only brought into its form.
+///
+/// # Errors
+/// If the text cannot be read.
+pub fn minimal(
+    path: &Path,
+    text: &str,
+    catalog: &Catalog,
+    options: &Options,
+) -> Result<String, Vec<Problem>> {
+    let form = formatted(path, text)?;
+    let options = Options { files: Files::Ignored, ..options.clone() };
+    let mut short = form.clone();
+    // What has nothing left in it may be a default itself.
+    loop {
+        let cuts = cuts(path, &short, catalog, &options);
+        if cuts.is_empty() {
+            break;
         }
-        if short == form {
-            return Ok(form);
-        }
-        let load = |text: &str| load_text(path, text.to_owned(), catalog, &options);
-        let (before, after) = (load(&form), load(&short));
-        let is_same = match (&before.graph, &after.graph) {
-            (Some(before), Some(after)) => before.has_the_same_parts(after),
-            (None, None) => before.problems.len() == after.problems.len(),
-            _ => false,
-        };
-        if is_same && comments(&form) == comments(&short) {
-            return Ok(short);
-        }
-        Err(vec![fault(path, text, "the shorter text")])
+        short = formatted(path, &without(&short, &cuts))?;
     }
+    if short == form {
+        return Ok(form);
+    }
+    let load = |text: &str| load_text(path, text.to_owned(), catalog, &options);
+    let (before, after) = (load(&form), load(&short));
+    let is_same = match (&before.graph, &after.graph) {
+        (Some(before), Some(after)) => before.has_the_same_parts(after),
+        (None, None) => before.problems.len() == after.problems.len(),
+        _ => false,
+    };
+    if is_same && comments(&form) == comments(&short) {
+        return Ok(short);
+    }
+    Err(vec![fault(path, text, "the shorter text")])
 }
 
 /// The fields that can be left out, by the places of their names and values.

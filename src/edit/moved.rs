@@ -9,16 +9,17 @@ use std::sync::Arc;
 
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
+use maquette_graph::Refusal;
+use maquette_graph::check::{Whole, load_whole};
+use maquette_graph::definition::World;
+use maquette_graph::patch::is_patch;
+use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::{parse, syntax_problems};
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
 
-use super::check::{Whole, load_whole};
-use super::definition::World;
-use super::edit::{Judge, Refusal};
-use super::patch::is_patch;
-use super::{Files, Options};
+use super::Judge;
 
 impl Judge<'_> {
     /// What a graph says and computes whose nodes are to be moved.

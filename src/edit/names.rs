@@ -5,30 +5,30 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::check::{Whole, first, folder_of};
+use maquette_graph::definition::Definition;
+use maquette_graph::expectation::Expectation;
+use maquette_graph::expression::named_parameters;
+use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::top::name_of;
+use maquette_graph::{Files, Options};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Name, Tree, parse};
 
-use super::check::{Whole, first, folder_of};
-use super::definition::Definition;
-use super::edit::{Names, Reference, References};
-use super::expectation::Expectation;
-use super::expression::named_parameters;
-use super::meaning::{entries, named_node};
-use super::top::name_of;
-use super::{Files, Graph, Options};
-use crate::catalog::Catalog;
+use super::{Names, Reference, References};
 
 /// What has a name of its author.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct Symbol {
+pub struct Symbol {
     /// The file that declares it, without links and dots.
-    pub(crate) file: PathBuf,
-    pub(crate) sort: SymbolSort,
-    pub(crate) name: String,
+    pub file: PathBuf,
+    pub sort: SymbolSort,
+    pub name: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) enum SymbolSort {
+pub enum SymbolSort {
     /// A node or an input.
     Node,
     Parameter,
@@ -39,94 +39,79 @@ pub(crate) enum SymbolSort {
 
 /// A name in a text.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Named {
+pub struct Named {
     /// Where it stands, without quotes and what stands beside it.
-    pub(crate) span: Span,
-    pub(crate) symbol: Symbol,
+    pub span: Span,
+    pub symbol: Symbol,
     /// Whether it is the place that declares it.
-    pub(crate) declares: bool,
+    pub declares: bool,
     /// Whether it is written as a field.
-    pub(crate) is_field: bool,
+    pub is_field: bool,
 }
 
 /// The names in a file, and the files of graphs that it names, without links and dots.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct NamesOf {
+pub struct NamesOf {
     /// In the order of their places.
-    pub(crate) all: Vec<Named>,
+    pub all: Vec<Named>,
     /// The graph of each type of nodes that `use` makes.
-    pub(crate) types: HashMap<String, PathBuf>,
+    pub types: HashMap<String, PathBuf>,
 }
 
-impl Graph {
-    /// The names in the text of a graph or a patch; none if it cannot be read.
-    pub(crate) fn names_in(
-        path: &Path,
-        text: &str,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> NamesOf {
-        let Some((known, Whole { definition, .. })) = Known::of(path, text, catalog, options)
-        else {
-            return NamesOf::default();
-        };
-        let mut search = Search { text, found: Vec::new() };
-        match definition.is_patched() {
-            true => search.patch(parse(text).0.fields().unwrap_or_default(), &known),
-            false => {
-                let fields = definition.tree.fields().unwrap_or_default();
-                search.graph(fields, &known, &References::within(&definition));
-            }
+/// The names in the text of a graph or a patch; none if it cannot be read.
+pub fn names_in(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
+    let Some((known, Whole { definition, .. })) = Known::of(path, text, catalog, options) else {
+        return NamesOf::default();
+    };
+    let mut search = Search { text, found: Vec::new() };
+    match definition.is_patched() {
+        true => search.patch(parse(text).0.fields().unwrap_or_default(), &known),
+        false => {
+            let fields = definition.tree.fields().unwrap_or_default();
+            search.graph(fields, &known, &References::within(&definition));
         }
-        search.found.sort_by_key(|found| found.span);
-        search.found.dedup();
-        let types = known.types.iter().map(|(name, inner)| (name.clone(), inner.file.clone()));
-        NamesOf { types: types.collect(), all: search.found }
     }
-
-    /// The names in the text of a test of these graphs.
-    pub(crate) fn names_in_test(
-        text: &str,
-        graphs: &[PathBuf],
-        catalog: &Catalog,
-        options: &Options,
-    ) -> NamesOf {
-        let (tree, _) = parse(text);
-        let mut search = Search { text, found: Vec::new() };
-        for path in graphs {
-            let Ok(graph) = options.text(path) else { continue };
-            let Some((known, _)) = Known::of(path, &graph, catalog, options) else { continue };
-            search.test(tree.fields().unwrap_or_default(), &known);
-        }
-        search.found.sort_by(|a, b| (a.span, &a.symbol).cmp(&(b.span, &b.symbol)));
-        search.found.dedup();
-        NamesOf { all: search.found, types: HashMap::new() }
-    }
+    search.found.sort_by_key(|found| found.span);
+    search.found.dedup();
+    let types = known.types.iter().map(|(name, inner)| (name.clone(), inner.file.clone()));
+    NamesOf { types: types.collect(), all: search.found }
 }
 
-impl Graph {
-    /// The names in the text of a sweep that stands, or will stand, in this file.
-    pub(crate) fn names_in_sweep(
-        path: &Path,
-        text: &str,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> NamesOf {
-        let (tree, _) = parse(text);
-        let fields = tree.fields().unwrap_or_default();
-        let named = fields.iter().find(|field| field.name.text == "graph");
-        let Some(named) = named.and_then(|field| field.value.text()) else {
-            return NamesOf::default();
-        };
-        let graph = folder_of(path).join(named);
-        let known = options.text(&graph).ok();
-        let known = known.and_then(|text| Known::of(&graph, &text, catalog, options));
-        let Some((known, _)) = known else { return NamesOf::default() };
-        let mut search = Search { text, found: Vec::new() };
-        search.sweep(fields, &known);
-        search.found.sort_by_key(|found| found.span);
-        NamesOf { all: search.found, types: HashMap::new() }
+/// The names in the text of a test of these graphs.
+pub fn names_in_test(
+    text: &str,
+    graphs: &[PathBuf],
+    catalog: &Catalog,
+    options: &Options,
+) -> NamesOf {
+    let (tree, _) = parse(text);
+    let mut search = Search { text, found: Vec::new() };
+    for path in graphs {
+        let Ok(graph) = options.text(path) else { continue };
+        let Some((known, _)) = Known::of(path, &graph, catalog, options) else { continue };
+        search.test(tree.fields().unwrap_or_default(), &known);
     }
+    search.found.sort_by(|a, b| (a.span, &a.symbol).cmp(&(b.span, &b.symbol)));
+    search.found.dedup();
+    NamesOf { all: search.found, types: HashMap::new() }
+}
+
+/// The names in the text of a sweep that stands, or will stand, in this file.
+pub fn names_in_sweep(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
+    let (tree, _) = parse(text);
+    let fields = tree.fields().unwrap_or_default();
+    let named = fields.iter().find(|field| field.name.text == "graph");
+    let Some(named) = named.and_then(|field| field.value.text()) else {
+        return NamesOf::default();
+    };
+    let graph = folder_of(path).join(named);
+    let known = options.text(&graph).ok();
+    let known = known.and_then(|text| Known::of(&graph, &text, catalog, options));
+    let Some((known, _)) = known else { return NamesOf::default() };
+    let mut search = Search { text, found: Vec::new() };
+    search.sweep(fields, &known);
+    search.found.sort_by_key(|found| found.span);
+    NamesOf { all: search.found, types: HashMap::new() }
 }
 
 /// What a graph declares, for who names it from outside.
@@ -514,6 +499,6 @@ impl Search<'_> {
 }
 
 /// A path without links and dots, whether or not there is such a file.
-pub(crate) fn real(path: &Path) -> PathBuf {
+pub fn real(path: &Path) -> PathBuf {
     folder_of(path).join(path.file_name().unwrap_or_default())
 }

@@ -2,34 +2,34 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use maquette_graph::catalog::{PortDescription, ports};
+use maquette_graph::check::{Whole, first};
+use maquette_graph::definition::Definition;
+use maquette_graph::draft::What;
+use maquette_graph::expectation::Expectation;
+use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::place::field;
+use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Body, Kind, Tree};
 
 use super::Judge;
-use super::place::field;
-use crate::catalog::{PortDescription, ports};
-use crate::graph::check::{Whole, first};
-use crate::graph::definition::Definition;
-use crate::graph::draft::What;
-use crate::graph::expectation::Expectation;
-use crate::graph::meaning::{entries, named_node};
-use crate::graph::{Files, Options};
 
 /// A text in a graph that names something of it.
 #[derive(Clone, Debug)]
-pub(in crate::graph) struct Reference {
+pub struct Reference {
     /// Where the literal stands.
-    pub(in crate::graph) span: Span,
+    pub(crate) span: Span,
     /// What it says.
-    pub(in crate::graph) text: String,
-    pub(in crate::graph) kind: Names,
+    pub(crate) text: String,
+    pub(crate) kind: Names,
     /// Who names it, in words: port `mask` of `spots`.
-    pub(in crate::graph) by: String,
+    pub(crate) by: String,
 }
 
 /// What a text names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::graph) enum Names {
+pub enum Names {
     /// A node or an input.
     Link,
     /// An output.
@@ -41,11 +41,11 @@ pub(in crate::graph) enum Names {
 }
 
 /// All that names something in a graph, and the ports of its nodes.
-pub(in crate::graph) struct References {
+pub struct References {
     /// In the order of their places.
-    pub(in crate::graph) all: Vec<Reference>,
+    pub(crate) all: Vec<Reference>,
     /// By the name of the node, as far as its type is known.
-    pub(in crate::graph) ports: HashMap<String, Vec<PortDescription>>,
+    pub ports: HashMap<String, Vec<PortDescription>>,
 }
 
 impl References {
@@ -64,7 +64,7 @@ impl References {
     }
 
     /// All in a text that has been understood so far.
-    pub(in crate::graph) fn within(definition: &Definition) -> Self {
+    pub fn within(definition: &Definition) -> Self {
         let tree = &definition.tree;
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
         let mut known_ports = HashMap::new();
@@ -120,19 +120,18 @@ impl References {
     }
 
     /// All, in the order of their places.
-    #[cfg(feature = "cli")]
-    pub(in crate::graph) fn all(&self) -> &[Reference] {
+    pub(crate) fn all(&self) -> &[Reference] {
         &self.all
     }
 
     /// What links say.
-    pub(in crate::graph) fn links(&self) -> impl Iterator<Item = &str> {
+    pub fn links(&self) -> impl Iterator<Item = &str> {
         let links = self.all.iter().filter(|found| found.kind == Names::Link);
         links.map(|found| &found.text[..])
     }
 
     /// Whether the literal at this place is a link.
-    pub(in crate::graph) fn is_link(&self, span: Span) -> bool {
+    pub fn is_link(&self, span: Span) -> bool {
         self.all.iter().any(|found| found.span == span && found.kind == Names::Link)
     }
 }

@@ -3,19 +3,22 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use maquette_graph::Refusal;
+use maquette_graph::expression::named_parameters;
+use maquette_graph::is_name;
+use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::place::field;
+use maquette_graph::splice::{
+    Splice, added, apply, newline, parts, put_entry, reindented, without,
+};
+use maquette_graph::top::field_of;
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::quoted;
 use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, with_article};
 
-use super::place::field;
+use super::format::entry_form;
 use super::references::{Names, Reference, References};
-use super::splice::{Splice, added, apply, newline, parts, put_entry, reindented, without};
-use super::{Edit, Judge, Refusal};
-use crate::graph::expression::named_parameters;
-use crate::graph::format::entry_form;
-use crate::graph::is_name;
-use crate::graph::meaning::{entries, named_node};
-use crate::graph::top::field_of;
+use super::{Edit, Judge};
 
 mod links;
 
@@ -502,7 +505,7 @@ fn with_places(text: &str, places: &[Range<usize>], new: &str) -> String {
 }
 
 /// Refuses what cannot name something.
-pub(in crate::graph) fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
+pub(crate) fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
     if is_name(name) {
         return Ok(());
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_graph::{ELEMENTS, GraphNode, Link};
 use maquette_node::limit::Estimate;
 use maquette_node::{AnyNode, Context, File, Previous, Progress};
 use maquette_syntax::error::{Cancelled, Error};
@@ -17,7 +18,6 @@ use super::run::{News, Run, size};
 use super::snapshot::Done;
 use super::trace::Reason;
 use super::{State, lock, or_panic};
-use crate::graph::{ELEMENTS, GraphNode, Link};
 
 /// A node's files, or the hashes that they have now, if one has just been changed.
 pub(super) enum Loaded {

@@ -24,13 +24,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::files::KnownFile;
 use maquette_value::plain;
 use maquette_value::{Bytes, Columns, Hash, ValueType};
 
 use super::cache::{Outcome, Values};
 use super::snapshot::Snapshot;
-use crate::catalog::Catalog;
-use crate::files::KnownFile;
 use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};
 
 mod doctor;

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
+use maquette_graph::{Graph, GraphNode, Guard};
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::{AnyValue, Hash, Offence};
 
 use super::lock;
-use crate::graph::{Graph, GraphNode, Guard};
 
 /// What tests have found, by the value's hash and the property.
 type Found = HashMap<(Hash, &'static str), Option<Arc<Offence>>>;

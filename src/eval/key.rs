@@ -6,10 +6,9 @@
 
 use std::sync::Arc;
 
+use maquette_graph::{Recipe, parameter_difference};
 use maquette_value::Hash;
 use serde_json::Value as Json;
-
-use crate::graph::{Recipe, parameter_difference};
 
 /// What a result is computed from.
 #[derive(Clone, Debug)]

@@ -11,14 +11,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Files, Graph, Options};
 use maquette_node::CancelToken;
 use maquette_value::Hash;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
 use super::key::Parts;
 use super::{Disk, Evaluation, Evaluator, Observer, lock};
-use crate::catalog::Catalog;
-use crate::graph::{Files, Graph, Options};
 
 mod pack;
 mod plain;

@@ -2,10 +2,11 @@
 
 use std::sync::{Arc, OnceLock};
 
+use maquette_graph::Graph;
+
 use super::Evaluator;
 use super::key::Parts;
 use super::snapshot::{Done, Snapshot, Visited};
-use crate::graph::Graph;
 
 /// What an evaluation does with each node.
 pub(super) struct Plan {

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
+use maquette_graph::files::Reads;
+use maquette_graph::{ELEMENTS, Graph, GraphNode};
 use maquette_node::CancelToken;
 use maquette_syntax::error::Error;
 use maquette_value::{AnyValue, Hash};
@@ -18,8 +20,6 @@ use super::plan::{Plan, Task};
 use super::snapshot::{Done, Visited};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
-use crate::files::Reads;
-use crate::graph::{ELEMENTS, Graph, GraphNode};
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {
@@ -321,7 +321,7 @@ impl<'a> Run<'a> {
 
     /// What the node is computed from.
     pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
-        let input = |link: &crate::graph::Link| {
+        let input = |link: &maquette_graph::Link| {
             self.done(link.node).map(|done| done.outcome.outputs[link.output].1)
         };
         let inputs = node.links.iter().filter_map(input).collect();

@@ -4,12 +4,12 @@ use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
+use maquette_graph::Graph;
 use maquette_value::Hash;
 
 use super::cache::Outcome;
 use super::disk::Disk;
 use super::key::Parts;
-use crate::graph::Graph;
 
 /// A result, and what it was computed from: true whatever becomes of the graph and its files.
 pub(super) struct Done {

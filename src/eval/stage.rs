@@ -2,13 +2,13 @@
 
 use std::collections::HashMap;
 
+use maquette_graph::Graph;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Error;
 
 use super::plan::Plan;
 use super::run::News;
 use super::{Evaluation, Evaluator, Observer, State};
-use crate::graph::Graph;
 
 /// What the next evaluation tells as if it had happened in it: by the name of the node.
 pub(super) type Staged = HashMap<String, News>;

@@ -2,11 +2,11 @@
 
 use std::fmt;
 
+use maquette_graph::{GraphNode, INPUT, in_short, parameter_name};
 use maquette_syntax::with_article;
 use serde_json::json;
 
 use super::key::Change;
-use crate::graph::{GraphNode, INPUT, in_short, parameter_name};
 
 /// What became of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

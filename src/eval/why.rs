@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
+use maquette_graph::{Graph, PINNED};
 use maquette_node::CancelToken;
 
 use super::disk::WORTH_A_FILE;
@@ -12,7 +13,6 @@ use super::run::Run;
 use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Evaluator, State};
-use crate::graph::{Graph, PINNED};
 
 /// What would become of a node.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::Expectation;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::paths::{MARKER, PathProblem, may_read, project_root};
 use maquette_syntax::{
@@ -16,8 +18,6 @@ use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
 use super::sound::keep_sound;
-use crate::catalog::Catalog;
-use crate::graph::Expectation;
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";
@@ -539,8 +539,8 @@ pub(crate) fn test_schema() -> serde_json::Value {
 
 /// The words of tests.
 #[cfg(any(test, feature = "cli"))]
-pub(crate) fn words() -> Vec<crate::graph::Word> {
-    use crate::graph::{words_of_choices, words_of_fields};
+pub(crate) fn words() -> Vec<maquette_graph::Word> {
+    use maquette_graph::{words_of_choices, words_of_fields};
     let fields = |within, schema: schemars::Schema| words_of_fields("test", within, &schema.into());
     let mut words = fields("Test", schemars::schema_for!(Test));
     words.extend(fields("cases", schemars::schema_for!(Case)));

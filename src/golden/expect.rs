@@ -1,19 +1,15 @@
 //! What must hold of a value whatever its parameters are: assertions in graphs and in tests.
 
-use std::borrow::Cow;
 use std::convert::Infallible;
 
+use maquette_graph::{Expectation, Expected, Graph};
 use maquette_syntax::error::Problem;
-use maquette_value::{
-    AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
-};
+use maquette_value::{AnyValue, Meaning, Mesh, Offender, Region, counted};
 use nalgebra::Point3;
 
 use super::compare::{distances, six};
 use super::looks::{self, Wrong};
 use super::printable::printable;
-use super::topology::Topology;
-use crate::graph::{Expectation, Expected, Graph};
 
 /// An expectation that does not hold.
 pub(crate) struct Violation {
@@ -27,62 +23,57 @@ pub(crate) struct Violation {
 /// How many offending elements are named.
 const NAMED: usize = 5;
 
-impl Expectation {
-    /// Checks it; what is wrong if it does not hold, with the places of offending elements.
-    fn check(&self, values: &[&AnyValue]) -> Wrong {
-        let value = values.first()?;
-        match self {
-            Self::Count { what, min, max, .. } => count(value, what, *min, *max),
-            Self::Promised { property, .. } => {
-                let offence = value.offence(property)?;
-                let places = offence.elements.iter().take(1000).map(Offender::place);
-                Some((offence.what, places.collect()))
-            }
-            Self::Bounds { low, high, .. } => {
-                bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
-            }
-            _ => {
-                let Some(mesh) = value.as_mesh() else {
-                    return Some((
-                        format!("is a {}, which has no faces", value.kind().name),
-                        Vec::new(),
-                    ));
-                };
-                match self {
-                    Self::Closed(_) => closed(&mesh),
-                    Self::Manifold(_) => manifold(&mesh),
-                    Self::NoSelfIntersection(_) => no_self_intersection(&mesh),
-                    Self::Printable { thickness, .. } => printable(&mesh, *thickness),
-                    Self::Bend { max, .. } => looks::bend(&mesh, *max),
-                    Self::Continuity { around, max, curvature, .. } => {
-                        let region = values.get(1).map(|value| value.get::<Region>());
-                        match (around, region) {
-                            (Some(around), None | Some(None)) => Some(no_region(around)),
-                            (_, region) => {
-                                looks::continuity(&mesh, region.flatten(), *max, *curvature)
-                            }
-                        }
+/// Checks it; what is wrong if it does not hold, with the places of offending elements.
+fn check(expectation: &Expectation, values: &[&AnyValue]) -> Wrong {
+    let value = values.first()?;
+    match expectation {
+        Expectation::Count { what, min, max, .. } => count(value, what, *min, *max),
+        Expectation::Promised { property, .. } => {
+            let offence = value.offence(property)?;
+            let places = offence.elements.iter().take(1000).map(Offender::place);
+            Some((offence.what, places.collect()))
+        }
+        Expectation::Bounds { low, high, .. } => {
+            bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
+        }
+        _ => {
+            let Some(mesh) = value.as_mesh() else {
+                return Some((
+                    format!("is a {}, which has no faces", value.kind().name),
+                    Vec::new(),
+                ));
+            };
+            match expectation {
+                Expectation::Closed(_) => closed(&mesh),
+                Expectation::Manifold(_) => manifold(&mesh),
+                Expectation::NoSelfIntersection(_) => no_self_intersection(&mesh),
+                Expectation::Printable { thickness, .. } => printable(&mesh, *thickness),
+                Expectation::Bend { max, .. } => looks::bend(&mesh, *max),
+                Expectation::Continuity { around, max, curvature, .. } => {
+                    let region = values.get(1).map(|value| value.get::<Region>());
+                    match (around, region) {
+                        (Some(around), None | Some(None)) => Some(no_region(around)),
+                        (_, region) => looks::continuity(&mesh, region.flatten(), *max, *curvature),
                     }
-                    Self::Attribute { name, min, max, .. } => {
-                        looks::numbers(&mesh, name, *min, *max)
-                    }
-                    Self::Whole { around, band, .. } => {
-                        match values.get(1).and_then(|value| value.get::<Region>()) {
-                            Some(region) => looks::whole(&mesh, region, *band),
-                            None => Some(no_region(around)),
-                        }
-                    }
-                    Self::Near { max, rms, to, .. } => {
-                        match values.get(1).and_then(|to| to.as_mesh()) {
-                            Some(other) => near(&mesh, &other, *max, *rms, to),
-                            None => Some((
-                                format!("cannot be near `{to}`, which has no faces"),
-                                Vec::new(),
-                            )),
-                        }
-                    }
-                    _ => None,
                 }
+                Expectation::Attribute { name, min, max, .. } => {
+                    looks::numbers(&mesh, name, *min, *max)
+                }
+                Expectation::Whole { around, band, .. } => {
+                    match values.get(1).and_then(|value| value.get::<Region>()) {
+                        Some(region) => looks::whole(&mesh, region, *band),
+                        None => Some(no_region(around)),
+                    }
+                }
+                Expectation::Near { max, rms, to, .. } => {
+                    match values.get(1).and_then(|to| to.as_mesh()) {
+                        Some(other) => near(&mesh, &other, *max, *rms, to),
+                        None => {
+                            Some((format!("cannot be near `{to}`, which has no faces"), Vec::new()))
+                        }
+                    }
+                }
+                _ => None,
             }
         }
     }
@@ -121,7 +112,7 @@ pub(crate) fn violations<'v>(
         if values.len() < names.len() {
             continue;
         }
-        if let Some((why, places)) = expectation.check(&values) {
+        if let Some((why, places)) = check(expectation, &values) {
             let message = format!("expected {}, but `{}` {why}", expectation.name(), names[0]);
             let (problem, value) = (expected.problem(message), values.first().copied().cloned());
             violations.push(Violation { problem, value, places });
@@ -219,39 +210,6 @@ fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wr
         [limit("at least", min), limit("at most", max)].into_iter().flatten().collect();
     (!fits)
         .then(|| (format!("has {found} {what}; wanted are {}", wanted.join(" and ")), Vec::new()))
-}
-
-/// What is counted of a value, and how many there are.
-pub(super) fn counted(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
-    match value.as_mesh() {
-        Some(mesh) => {
-            let loops = [("border loops", looks::border_loops(&mesh) as i64)];
-            let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
-            facts.map(|(name, count)| (name.into(), count)).collect()
-        }
-        None => counts(&value.parts()),
-    }
-}
-
-/// What can be counted of a value that shows no faces: its facts that are counts, without `valid` before them, and the pixels of a mask.
-fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
-    let fact = |fact: &Fact| match (&fact.name, &fact.value) {
-        (name, FactValue::Count(count)) => {
-            let name = name
-                .strip_prefix("valid ")
-                .map_or_else(|| name.clone(), |name| name.to_owned().into());
-            Some((name, *count as i64))
-        }
-        _ => None,
-    };
-    let mut counts = Vec::from_iter(parts.facts.iter().filter_map(fact));
-    if let [Part { on: On::Pixel, meaning: Meaning::Exact, items: Items::U8(flags), .. }] =
-        &parts.columns[..]
-    {
-        let inside = flags.iter().filter(|&&flag| flag == 1).count();
-        counts.push(("pixels".into(), inside as i64));
-    }
-    counts
 }
 
 fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Wrong {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette_value::{Attribute, Mesh, Region};
+use maquette_value::{Attribute, Mesh, Region, border};
 use nalgebra::{Point3, SMatrix, SVector};
 
 use super::compare::six;
@@ -15,35 +15,6 @@ const LEAST_KNOWN: f64 = 1e-6;
 
 /// How many places are reported.
 const PLACES: usize = 1000;
-
-/// Closed chains of edges with one face.
-pub(super) fn border_loops(mesh: &Mesh) -> usize {
-    let border = border(mesh);
-    let mut vertices: Vec<u32> = border.iter().flatten().copied().collect();
-    vertices.sort_unstable();
-    vertices.dedup();
-    let index = |vertex: &u32| vertices.binary_search(vertex).unwrap_or(0);
-    let mut leaders: Vec<usize> = (0..vertices.len()).collect();
-    fn leader(leaders: &mut [usize], mut of: usize) -> usize {
-        while leaders[of] != of {
-            leaders[of] = leaders[leaders[of]];
-            of = leaders[of];
-        }
-        of
-    }
-    for edge in &border {
-        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end])));
-        leaders[a.max(b)] = a.min(b);
-    }
-    (0..leaders.len()).filter(|&at| leaders[at] == at).count()
-}
-
-/// The edges with one face.
-fn border(mesh: &Mesh) -> Vec<[u32; 2]> {
-    let edges = mesh.edges();
-    let alone = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-    alone.map(|(edge, _)| *edge).collect()
-}
 
 /// Checks that no border of `mesh` comes nearer than `band` pixels to the region, measured in the picture.
 pub(super) fn whole(mesh: &Mesh, region: &Region, band: f64) -> Wrong {
@@ -316,7 +287,7 @@ pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::{CaptureFrame, Faces};
+    use maquette_value::{CaptureFrame, Faces, border_loops};
 
     use super::*;
 

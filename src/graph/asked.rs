@@ -6,7 +6,7 @@ use super::Graph;
 
 /// A property that somebody wants or promises of a value and that is not sure.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Asked {
+pub struct Asked {
     pub(crate) property: String,
     /// By whom, in words: port `mesh` of `skin`.
     pub(crate) by: Vec<String>,
@@ -14,14 +14,14 @@ pub(crate) struct Asked {
 
 /// A property that a value does not have.
 #[derive(Clone, Debug)]
-pub(crate) struct Broken {
+pub struct Broken {
     pub(crate) asked: Asked,
-    pub(crate) offence: Offence,
+    pub offence: Offence,
 }
 
 impl Graph {
     /// What is asked of an output of a node, each property once.
-    pub(crate) fn asked_of(&self, target: (usize, usize)) -> Vec<Asked> {
+    pub fn asked_of(&self, target: (usize, usize)) -> Vec<Asked> {
         let wanted = self.shape.users(target.0).flat_map(|user| {
             let node = &self.nodes[user];
             let guards = node.guards.iter().filter(move |guard| {
@@ -55,7 +55,7 @@ impl Graph {
 
 impl Asked {
     /// Those of which something of the value stands against.
-    pub(crate) fn broken(all: &[Self], value: &AnyValue) -> Vec<Broken> {
+    pub fn broken(all: &[Self], value: &AnyValue) -> Vec<Broken> {
         let broken = all.iter().filter_map(|asked| {
             let offence = value.offence(&asked.property)?;
             Some(Broken { asked: asked.clone(), offence })
@@ -75,7 +75,7 @@ impl Asked {
 
 impl Broken {
     /// What is wrong: not Closed, as port `mesh` of `skin` wants: it has 3 edges with one face.
-    pub(crate) fn in_words(&self) -> String {
+    pub fn in_words(&self) -> String {
         format!(
             "is not {}, which is asked by {}: it {}",
             self.asked.property,
@@ -85,7 +85,7 @@ impl Broken {
     }
 
     /// The same for programs, with so many elements at most.
-    pub(crate) fn to_json(&self, most: usize) -> serde_json::Value {
+    pub fn to_json(&self, most: usize) -> serde_json::Value {
         let Asked { property, by } = &self.asked;
         let elements = self.offence.elements.iter().take(most).map(|element| {
             let place = element.place();

@@ -16,13 +16,12 @@ use serde_json::{Value as Json, json};
 
 mod description;
 
-pub(crate) use description::{Description, PortDescription, ports};
-#[cfg(feature = "cli")]
-pub(crate) use description::{describe_default, describe_parameter};
+pub use description::{Description, PortDescription, ports};
+pub use description::{describe_default, describe_parameter};
 
 /// What the packs of a program offer, by name.
 ///
-/// Where two packs have a node of the same name, the first one has it; [`conformance`](crate::conformance) reports that.
+/// Where two packs have a node of the same name, the first one has it; [`conformance`](maquette::conformance) reports that.
 #[derive(Clone)]
 pub struct Catalog {
     entries: IndexMap<String, Arc<Entry>>,
@@ -36,13 +35,13 @@ pub struct Catalog {
 
 /// By what the code of a pack is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Code {
+pub struct Code {
     /// The pack.
-    pub(crate) pack: &'static str,
+    pub pack: &'static str,
     /// The id of the build that it is of; empty if that is not known.
-    pub(crate) build: &'static str,
+    pub build: &'static str,
     /// Addresses of the code that it lists, if it has no id.
-    pub(crate) others: Vec<usize>,
+    pub others: Vec<usize>,
 }
 
 impl Code {
@@ -59,11 +58,11 @@ impl Code {
 }
 
 /// One node of a catalog.
-pub(crate) struct Entry {
-    pub(crate) name: String,
-    pub(crate) pack: &'static str,
+pub struct Entry {
+    pub name: String,
+    pub pack: &'static str,
     /// The version of the pack.
-    pub(crate) version: &'static str,
+    pub version: &'static str,
     pub(crate) node: NodeType,
     readers: Arc<Readers>,
     schema: OnceLock<Json>,
@@ -73,7 +72,7 @@ pub(crate) struct Entry {
 
 impl Entry {
     /// The JSON schema of the node's fields, ports included.
-    pub(crate) fn schema(&self) -> &Json {
+    pub fn schema(&self) -> &Json {
         self.schema.get_or_init(|| {
             let mut schema = Json::from((self.node.schema)());
             name_endings(&mut schema, &self.readers);
@@ -94,31 +93,31 @@ impl Entry {
     }
 
     /// What becomes of attributes.
-    pub(crate) fn carries(&self) -> &'static [Carry] {
+    pub fn carries(&self) -> &'static [Carry] {
         (self.node.carries)()
     }
 
     /// What it wants of its ports and promises of its outputs.
-    pub(crate) fn terms(&self) -> Vec<Term> {
+    pub fn terms(&self) -> Vec<Term> {
         (self.node.terms)()
     }
 
-    pub(crate) fn outputs(&self) -> &[Output] {
+    pub fn outputs(&self) -> &[Output] {
         self.outputs.get_or_init(|| (self.node.outputs)())
     }
 
     /// Its ports, in order.
-    pub(crate) fn ports(&self) -> Vec<PortDescription> {
+    pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema())
     }
 
     /// The node's description as `maquette nodes --json` prints it.
-    pub(crate) fn to_json(&self) -> Json {
+    pub fn to_json(&self) -> Json {
         self.description().to_json()
     }
 
     /// What people and programs are told of it.
-    pub(crate) fn description(&self) -> Description<'_> {
+    pub fn description(&self) -> Description<'_> {
         let output = |output: &Output| {
             (output.name.to_owned(), output.types.iter().map(|kind| kind.name).collect())
         };
@@ -197,7 +196,7 @@ impl Catalog {
     }
 
     /// By what the code of its packs is known, in their order.
-    pub(crate) fn code(&self) -> &[Code] {
+    pub fn code(&self) -> &[Code] {
         &self.code
     }
 
@@ -217,7 +216,7 @@ impl Catalog {
     }
 
     /// What reads files.
-    pub(crate) fn readers(&self) -> &Arc<Readers> {
+    pub fn readers(&self) -> &Arc<Readers> {
         &self.readers
     }
 
@@ -280,7 +279,7 @@ impl Catalog {
         self.entries.contains_key(node)
     }
 
-    pub(crate) fn find(&self, name: &str) -> Option<&Entry> {
+    pub fn find(&self, name: &str) -> Option<&Entry> {
         self.entries.get(name).map(|entry| &**entry)
     }
 
@@ -289,17 +288,17 @@ impl Catalog {
         self.entries.get(name).cloned()
     }
 
-    pub(crate) fn entries(&self) -> impl Iterator<Item = &Entry> {
+    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
         self.entries.values().map(|entry| &**entry)
     }
 
-    pub(crate) fn names(&self) -> Vec<&str> {
+    pub fn names(&self) -> Vec<&str> {
         self.entries.keys().map(String::as_str).collect()
     }
 
     /// Which nodes are described with a word, as a sentence: those that say it of themselves, or else those whose fields and choices do. Empty if
     /// none are, or so many that nothing is meant by it, or nothing by so short a word.
-    pub(crate) fn described_with(&self, word: &str) -> String {
+    pub fn described_with(&self, word: &str) -> String {
         const MOST: usize = 8;
         let word = word.to_lowercase();
         let says = |text: &str| {
@@ -328,14 +327,14 @@ impl Catalog {
     }
 
     /// Every type of values that the engine has, a node gives or a pack brings, by name.
-    pub(crate) fn value_types(&self) -> HashMap<&'static str, &'static ValueType> {
+    pub fn value_types(&self) -> HashMap<&'static str, &'static ValueType> {
         let outputs = self.entries().flat_map(Entry::outputs).flat_map(|output| &output.types);
         let types = TYPES.iter().chain(outputs).chain(&self.values);
         types.map(|kind| (kind.name, *kind)).collect()
     }
 
     /// The format that writes a value of this type to a file with this ending.
-    pub(crate) fn format(&self, kind: &ValueType, ending: &str) -> Option<&Format> {
+    pub fn format(&self, kind: &ValueType, ending: &str) -> Option<&Format> {
         self.formats.iter().find(|format| (format.kind)() == kind && format.ending == ending)
     }
 
@@ -350,7 +349,7 @@ impl Catalog {
     }
 
     /// The endings of the files that this type of value can be written to; of all types without one.
-    pub(crate) fn endings(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
+    pub fn endings(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
         let fitting =
             self.formats.iter().filter(|format| kind.is_none_or(|kind| (format.kind)() == kind));
         let mut endings: Vec<&str> = fitting.map(|format| format.ending).collect();

@@ -45,17 +45,12 @@ fn unread(what: &str, error: &std::io::Error) -> Finding {
 }
 
 /// The same for a text that stands, or will stand, in the file.
-pub(super) fn load_text(
-    path: &Path,
-    text: String,
-    catalog: &Catalog,
-    options: &Options,
-) -> Checked {
+pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> Checked {
     load_whole(path, text, catalog, options, |_, _| ()).0
 }
 
 /// The same, and something else that is asked of what the text says; none if it cannot be said what stands in it.
-pub(super) fn load_whole<T>(
+pub fn load_whole<T>(
     path: &Path,
     text: String,
     catalog: &Catalog,
@@ -74,7 +69,7 @@ pub(super) fn load_whole<T>(
 }
 
 /// What is made of the text of a graph's own file, and of the files that it uses.
-pub(super) fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
+pub fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
     let is_error = |problem: &&Problem| problem.severity == Severity::Error;
     // What is not of an unknown type, or hangs on it, is as good as ever.
@@ -102,7 +97,7 @@ pub(super) fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked
 }
 
 /// What the text of a graph's own file says, and the files that it uses; all of their problems are in the world.
-pub(super) fn first<'a>(
+pub fn first<'a>(
     path: &Path,
     text: String,
     catalog: &'a Catalog,
@@ -137,7 +132,7 @@ fn files_of(graph: &Graph) -> Vec<ReadFile> {
     graph.nodes.iter().flat_map(of_node).collect()
 }
 
-pub(super) fn folder_of(path: &Path) -> PathBuf {
+pub fn folder_of(path: &Path) -> PathBuf {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned())
@@ -170,7 +165,7 @@ pub(super) fn definition<'a>(
 }
 
 /// Checks one file.
-pub(super) struct Check<'w, 'a> {
+pub struct Check<'w, 'a> {
     pub(super) world: &'w mut World<'a>,
     pub(super) sheet: Arc<Sheet>,
     /// The uses that lead to the file.
@@ -185,8 +180,8 @@ pub(super) struct Check<'w, 'a> {
 }
 
 /// What a file says, and what only the first one of a graph gives.
-pub(super) struct Whole {
-    pub(super) definition: Definition,
+pub struct Whole {
+    pub definition: Definition,
     /// Files, with the places of drafts for those of nodes.
     pub(super) outputs: Vec<GraphOutput>,
     /// Those of which nobody knows what they hold: they hang on a node of an unknown type.
@@ -198,7 +193,7 @@ pub(super) struct Whole {
 }
 
 impl<'w, 'a> Check<'w, 'a> {
-    pub(super) fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
+    pub fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
         let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
         Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed }
     }

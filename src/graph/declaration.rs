@@ -22,8 +22,8 @@ pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
 
 /// `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
 #[derive(Clone, Debug)]
-pub(crate) struct Declaration {
-    pub(crate) name: String,
+pub struct Declaration {
+    pub name: String,
     kind: String,
     pub(crate) default: Tree,
     /// Of a default that is a `Draft`, the values for final results and for drafts.

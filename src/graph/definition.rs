@@ -28,46 +28,46 @@ use crate::catalog::Catalog;
 pub(super) type Wants = Vec<(&'static str, Span)>;
 
 /// A graph as its file has it, with the default values of its parameters.
-pub(super) struct Definition {
-    pub(super) sheet: Arc<Sheet>,
+pub struct Definition {
+    pub sheet: Arc<Sheet>,
     /// The tree of its text.
-    pub(super) tree: Arc<Tree>,
-    pub(super) doc: String,
+    pub tree: Arc<Tree>,
+    pub doc: String,
     pub(super) version: Option<Version>,
     /// Its parameters and their values where a use gives none.
-    pub(super) declared: Vec<Declaration>,
+    pub declared: Vec<Declaration>,
     pub(super) defaults: Parameters,
     /// Its inputs, as many as `inputs`, then its nodes.
-    pub(super) drafts: Vec<Draft>,
-    pub(super) inputs: usize,
+    pub drafts: Vec<Draft>,
+    pub inputs: usize,
     /// The drafts, each after those that it hangs on.
-    pub(super) order: Vec<usize>,
-    pub(super) eaches: Vec<Each>,
+    pub order: Vec<usize>,
+    pub eaches: Vec<Each>,
     /// Its outputs, if other graphs use it; files are kept elsewhere.
-    pub(super) ports: Vec<Port>,
+    pub ports: Vec<Port>,
     /// The properties that it wants of each input.
-    pub(super) wants: Vec<Wants>,
+    pub wants: Vec<Wants>,
     /// What must hold of its values wherever it is used.
     pub(super) expect: Vec<Expecting>,
     /// Inputs and parameters by their names, described as a built-in node's fields are.
     pub(super) schema: Json,
     /// The same for who uses it: under the names of fields.
-    pub(super) fields: Json,
+    pub fields: Json,
 }
 
 impl Definition {
     /// Whether a patch has made it of another graph.
-    pub(super) fn is_patched(&self) -> bool {
+    pub fn is_patched(&self) -> bool {
         !self.sheet.parts.is_empty()
     }
 }
 
 /// An output of a graph that others use.
-pub(super) struct Port {
-    pub(super) name: String,
+pub struct Port {
+    pub name: String,
     /// The draft and output that it gives; none if its link is wrong.
     pub(super) target: Option<(usize, usize)>,
-    pub(super) kind: Option<&'static ValueType>,
+    pub kind: Option<&'static ValueType>,
     /// What from outside may shape it.
     pub(super) lineage: Arc<Lineage>,
     /// Its name in the file.
@@ -75,18 +75,18 @@ pub(super) struct Port {
 }
 
 /// What all files of a graph share while they are checked.
-pub(super) struct World<'a> {
+pub struct World<'a> {
     pub(super) catalog: &'a Catalog,
     pub(super) options: &'a Options,
-    pub(super) roots: Vec<PathBuf>,
+    pub roots: Vec<PathBuf>,
     pub(super) values: BTreeMap<&'static str, &'static ValueType>,
     /// The files that have been read, by their real path; none if nothing is known of their ports.
     known: HashMap<PathBuf, Option<Arc<Definition>>>,
     /// What uses make types of nodes: how deep the use is, the type's name, and the graph.
-    pub(super) listed: Vec<(usize, String, Arc<Definition>)>,
+    pub listed: Vec<(usize, String, Arc<Definition>)>,
     /// The files that are being read, each used by the one before: real path and name.
     pub(super) open: Vec<(PathBuf, PathBuf)>,
-    pub(super) problems: Vec<Problem>,
+    pub problems: Vec<Problem>,
     /// All files of graphs beside the first one, those that are not there included.
     pub(super) subgraphs: Vec<PathBuf>,
     /// Those of them that can be read, and where they are named.
@@ -351,7 +351,7 @@ fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
 }
 
 /// Whether a word can name a type of nodes.
-pub(crate) fn is_type_name(word: &str) -> bool {
+pub fn is_type_name(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_uppercase())
         && word.chars().all(|c| c.is_ascii_alphanumeric())
 }

@@ -12,10 +12,10 @@ use crate::catalog::{Catalog, Description};
 
 /// A graph that others use, as far as they see it.
 #[derive(Clone)]
-pub(crate) struct Subgraph {
+pub struct Subgraph {
     /// The type of nodes that it is for who uses it.
-    pub(crate) name: String,
-    pub(crate) file: String,
+    pub name: String,
+    pub file: String,
     version: Option<String>,
     schema: Json,
     outputs: Vec<(String, Vec<&'static str>)>,
@@ -23,7 +23,7 @@ pub(crate) struct Subgraph {
 }
 
 impl Subgraph {
-    pub(super) fn new(name: &str, definition: &Definition) -> Self {
+    pub fn new(name: &str, definition: &Definition) -> Self {
         let output = |port: &super::definition::Port| {
             (port.name.clone(), port.kind.iter().map(|kind| kind.name).collect())
         };
@@ -37,7 +37,7 @@ impl Subgraph {
         }
     }
 
-    pub(crate) fn description(&self) -> Description<'_> {
+    pub fn description(&self) -> Description<'_> {
         let (name, pack, schema) = (&self.name[..], &self.file[..], &self.schema);
         let (outputs, promises) = (self.outputs.clone(), self.promises.clone());
         let version = self.version.as_deref();
@@ -45,7 +45,7 @@ impl Subgraph {
     }
 
     /// The description of its fields as a built-in node's.
-    pub(super) fn schema(&self) -> &Json {
+    pub fn schema(&self) -> &Json {
         &self.schema
     }
 
@@ -85,7 +85,7 @@ impl Subgraph {
 
 impl Graph {
     /// The graphs that a graph uses, and those that they use: outer ones first. Itself before them if it has inputs.
-    pub(crate) fn subgraphs(
+    pub fn subgraphs(
         path: &Path,
         catalog: &Catalog,
         options: &Options,
@@ -97,7 +97,7 @@ impl Graph {
     }
 
     /// The same for a text that stands in the file, or will.
-    pub(super) fn subgraphs_of(
+    pub fn subgraphs_of(
         path: &Path,
         text: String,
         catalog: &Catalog,

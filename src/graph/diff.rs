@@ -17,8 +17,8 @@ use super::check::{first, folder_of};
 use super::describe::Subgraph;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::migrate::renewed_graph;
-use super::rebase::seen_from;
 use super::patch::{is_patch, patched_tree};
+use super::rebase::seen_from;
 use super::{Files, Options};
 use crate::catalog::Catalog;
 

@@ -4,7 +4,7 @@ use maquette_syntax::{FILE, LINK};
 use serde_json::Value as Json;
 
 /// The first place where two parameters differ, and what stands there; links and files are no parameters.
-pub(crate) fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
+pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
     let plain = |json: &Json| json.get(LINK).is_none() && json.get(FILE).is_none();
     let inside = |name: String, before: &Json, now: &Json| {
         let (mut path, before, now) = parameter_difference(before, now)?;
@@ -25,7 +25,7 @@ pub(crate) fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<Str
 }
 
 /// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
-pub(crate) fn parameter_name(path: &[String]) -> String {
+pub fn parameter_name(path: &[String]) -> String {
     let is_index = |part: &String| part.bytes().all(|byte| byte.is_ascii_digit());
     let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
     let indices = path[last + 1..].iter().map(|index| format!("[{index}]"));
@@ -33,7 +33,7 @@ pub(crate) fn parameter_name(path: &[String]) -> String {
 }
 
 /// A parameter's value as a message shows it.
-pub(crate) fn in_short(value: &Json) -> String {
+pub fn in_short(value: &Json) -> String {
     const MOST: usize = 40;
     let text = match value {
         Json::Number(number) => {

@@ -19,22 +19,22 @@ use super::repeat::{Elements, Pick, Repeat};
 use crate::catalog::{Entry, PortDescription, ports};
 
 /// A node while it is checked.
-pub(super) struct Draft {
-    pub(super) name: Name,
+pub struct Draft {
+    pub name: Name,
     /// What stands in the file.
-    pub(super) tree: Tree,
-    pub(super) what: What,
-    pub(super) links: Vec<FoundLink>,
+    pub tree: Tree,
+    pub what: What,
+    pub links: Vec<FoundLink>,
     /// For each link, the nodes and outputs that it names, if they exist.
     pub(super) targets: Vec<Option<Vec<(usize, usize)>>>,
     /// The type of each output, as far as it is known.
-    pub(super) types: Vec<Option<&'static ValueType>>,
+    pub types: Vec<Option<&'static ValueType>>,
     /// Whether parameters of the graph shape it.
     pub(super) parametric: bool,
     /// Whether its fields have no problem with the defaults.
     pub(super) is_sound: bool,
     /// Whether it is an input that a use may leave out.
-    pub(super) is_optional: bool,
+    pub is_optional: bool,
     /// Its fields with the defaults, if they have no problem, until the node is made of them.
     survey: Option<Survey>,
     /// A built-in node itself, with the defaults.
@@ -44,7 +44,7 @@ pub(super) struct Draft {
 }
 
 /// What a node is.
-pub(super) enum What {
+pub enum What {
     /// Built in.
     Node(Arc<Entry>),
     /// A graph, under this name.
@@ -63,7 +63,7 @@ pub(super) enum What {
 
 impl What {
     /// The names of the outputs.
-    pub(super) fn outputs(&self) -> Vec<&str> {
+    pub fn outputs(&self) -> Vec<&str> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
@@ -73,7 +73,7 @@ impl What {
     }
 
     /// Its ports, if it is a node or a graph.
-    pub(super) fn ports(&self) -> Vec<PortDescription> {
+    pub fn ports(&self) -> Vec<PortDescription> {
         match self {
             Self::Node(entry) => entry.ports(),
             Self::Use(_, graph) => ports(&graph.fields),
@@ -95,7 +95,7 @@ impl What {
     }
 
     /// The description of its fields.
-    pub(super) fn schema(&self) -> Option<&Json> {
+    pub fn schema(&self) -> Option<&Json> {
         match self {
             Self::Node(entry) => Some(entry.merged_schema()),
             Self::Use(_, graph) => Some(&graph.fields),
@@ -150,7 +150,7 @@ impl Draft {
     }
 
     /// Whether a link to this output leads to a list, of a length that is known late.
-    pub(super) fn is_list(&self, output: usize) -> bool {
+    pub fn is_list(&self, output: usize) -> bool {
         let Some(repeat) = &self.repeat else { return false };
         let outputs = self.what.outputs();
         let name = outputs.get(output).copied().unwrap_or_default();

@@ -10,8 +10,8 @@ use super::quality::chosen;
 use super::top::{field_of, name_of};
 
 /// A `ForEach`: one node for each element of a list.
-pub(super) struct Each {
-    pub(super) name: String,
+pub struct Each {
+    pub name: String,
     /// Where its name stands.
     pub(super) span: Span,
     /// The type of its nodes.
@@ -21,7 +21,7 @@ pub(super) struct Each {
     /// What each element takes from the one before, and what the first one takes instead.
     pub(super) carry: Vec<(String, Tree)>,
     /// The outputs of its nodes, if it has none.
-    pub(super) outputs: Option<Vec<String>>,
+    pub outputs: Option<Vec<String>>,
 }
 
 impl Each {
@@ -102,7 +102,7 @@ pub(super) fn numbered(name: &Name, number: usize) -> Field {
 }
 
 /// The branches of a `Switch`.
-pub(super) struct Branches {
+pub struct Branches {
     /// Names, and links to what each gives.
     pub(super) cases: Vec<(String, Tree)>,
     pub(super) choose: Tree,

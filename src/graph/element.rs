@@ -4,18 +4,14 @@ use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Kind, Tree};
 
 use super::place::{Refusal, field};
-use crate::graph::quality::{is_draft, side};
+use crate::quality::{is_draft, side};
 
 /// The target by the names that the file has: `copies.over.0.scale` for `copies/1.scale`, the item of the list from which a
 /// `ForEach` makes its first element. What names no element stays as it is.
 ///
 /// # Errors
 /// It names a node that has no place in the file; the help says where its values are.
-pub(in crate::graph) fn written(
-    graph: &Tree,
-    target: &str,
-    draft: bool,
-) -> Result<String, Refusal> {
+pub fn written(graph: &Tree, target: &str, draft: bool) -> Result<String, Refusal> {
     let own = || Ok(target.to_owned());
     let (name, path) = target.split_once('.').unwrap_or((target, ""));
     let Some((outer, inner)) = name.split_once('/') else { return own() };

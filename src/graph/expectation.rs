@@ -9,7 +9,7 @@ use super::fitting::calls_in_plain_numbers;
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-pub(crate) enum Expectation {
+pub enum Expectation {
     /// The mesh has no boundary.
     Closed(String),
     /// No edge has more than two faces, and all faces that meet look to the same side.
@@ -160,14 +160,14 @@ impl Expectation {
     }
 
     /// A list of expectations with plain numbers in place of those with a unit, and what does not fit.
-    pub(crate) fn in_plain_numbers(list: &Tree) -> (Tree, Vec<Finding>) {
+    pub fn in_plain_numbers(list: &Tree) -> (Tree, Vec<Finding>) {
         let schema = serde_json::to_value(schemars::schema_for!(Self)).unwrap_or_default();
         let mut findings = Vec::new();
         (calls_in_plain_numbers(list, &schema, &mut findings), findings)
     }
 
     /// The values that it speaks of.
-    pub(crate) fn values(&self) -> Vec<&str> {
+    pub fn values(&self) -> Vec<&str> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Printable { of, .. } | Self::Count { of, .. } | Self::Bounds { of, .. } => {
@@ -185,7 +185,7 @@ impl Expectation {
     }
 
     /// The same, to give them other names.
-    pub(super) fn values_mut(&mut self) -> Vec<&mut String> {
+    pub fn values_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Printable { of, .. } | Self::Count { of, .. } | Self::Bounds { of, .. } => {
@@ -201,13 +201,13 @@ impl Expectation {
     }
 
     /// The texts in a list of expectations that name values.
-    pub(crate) fn value_texts(list: &Tree) -> Vec<&Tree> {
+    pub fn value_texts(list: &Tree) -> Vec<&Tree> {
         let Kind::List(items) = &list.kind else { return Vec::new() };
         items.iter().flat_map(Self::value_texts_of).collect()
     }
 
     /// The same in one of them.
-    pub(crate) fn value_texts_of(item: &Tree) -> Vec<&Tree> {
+    pub fn value_texts_of(item: &Tree) -> Vec<&Tree> {
         let mut texts = Vec::new();
         match &item.kind {
             Kind::Call { body: Body::Items(items), .. } => texts.extend(items),
@@ -232,7 +232,7 @@ impl Expectation {
     }
 
     /// Its name, as in the file.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         match self {
             Self::Closed(_) => "Closed",
             Self::Manifold(_) => "Manifold",
@@ -250,7 +250,6 @@ impl Expectation {
     }
 }
 
-#[cfg(any(test, feature = "cli"))]
 pub(super) fn schema() -> serde_json::Value {
     schemars::schema_for!(Expectation).into()
 }

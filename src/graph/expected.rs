@@ -22,10 +22,10 @@ pub(super) struct Expecting {
 
 /// An expectation of values of a flat graph, under the names that they have there.
 #[derive(Clone)]
-pub(crate) struct Expected {
-    pub(crate) expectation: Expectation,
+pub struct Expected {
+    pub expectation: Expectation,
     /// The node and output of each value that it speaks of; none for one that the graph does not have.
-    pub(crate) values: Vec<Option<(usize, usize)>>,
+    pub values: Vec<Option<(usize, usize)>>,
     /// Where it stands.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
@@ -48,7 +48,7 @@ pub(super) struct Expecter {
 
 impl Expected {
     /// What is wrong if it does not hold: told where the graph that expects it is used.
-    pub(crate) fn problem(&self, message: String) -> Problem {
+    pub fn problem(&self, message: String) -> Problem {
         let (source, span) = (self.source.clone(), self.span);
         let (severity, code) = (Severity::Error, code::EXPECTED);
         let uses = self.of.as_ref().map_or(&[][..], |of| &of.uses);
@@ -76,7 +76,7 @@ impl Expected {
 
 impl Graph {
     /// What must hold where these nodes are wanted: what the graph's own file expects, and what each graph does of which a use is needed.
-    pub(crate) fn expected(&self, wanted: &[usize]) -> Vec<&Expected> {
+    pub fn expected(&self, wanted: &[usize]) -> Vec<&Expected> {
         let mut wanted = wanted.to_vec();
         let mut live = vec![false; self.expect.len()];
         // What is expected of a value may need another use.
@@ -96,7 +96,7 @@ impl Graph {
     }
 
     /// The same of the graphs that it uses alone, as far as these nodes need what they speak of.
-    pub(crate) fn expected_of_uses(&self, wanted: &[usize]) -> Vec<&Expected> {
+    pub fn expected_of_uses(&self, wanted: &[usize]) -> Vec<&Expected> {
         if self.expect.iter().all(|expected| expected.of.is_none()) {
             return Vec::new();
         }
@@ -110,7 +110,7 @@ impl Graph {
     }
 
     /// An expectation of another file, such as a test, of this graph's values.
-    pub(crate) fn expecting(
+    pub fn expecting(
         &self,
         expectation: &Expectation,
         source: &Arc<Source>,

@@ -16,14 +16,14 @@ use maquette_syntax::{Help, Quantity, Unit, cut, nearest, unit_names};
 
 /// What an expression gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Outcome {
+pub enum Outcome {
     Number(Quantity),
     Truth(bool),
 }
 
 /// Why an expression cannot be computed, and what may have been meant.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct ExpressionError {
+pub struct ExpressionError {
     pub(crate) message: String,
     /// Where in the text, if it is not the whole of it, and another place with words for it.
     pub(crate) at: Option<Range<usize>>,
@@ -81,7 +81,7 @@ const DEEPEST: usize = 64;
 ///
 /// # Errors
 /// If it is no expression, names an unknown parameter, mixes numbers and truth values, or has no finite value.
-pub(crate) fn evaluate(
+pub fn evaluate(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
 ) -> Result<Outcome, ExpressionError> {
@@ -124,10 +124,7 @@ const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<=", ">=", "==", "!=", "<", ">"], &["+", "-"], &["*", "/", "%"]];
 
 /// Where an expression names parameters: places in its text. None if it is no expression.
-pub(crate) fn named_parameters(
-    text: &str,
-    is_known: &dyn Fn(&str) -> bool,
-) -> Option<Vec<Range<usize>>> {
+pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<Vec<Range<usize>>> {
     let tokens = pieces(text, is_known).ok()?;
     let mut names = Vec::new();
     // Whether a value has just ended, so that a word is an operator.

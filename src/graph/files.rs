@@ -21,19 +21,19 @@ use crate::stamp::Stamp;
 
 /// A file that a node reads.
 #[derive(Clone, Debug)]
-pub(crate) struct NodeFile {
+pub struct NodeFile {
     /// The path as the graph has it.
-    pub(crate) given: String,
-    pub(crate) path: PathBuf,
+    pub given: String,
+    pub path: PathBuf,
     /// Whether the node cannot do without it.
-    pub(crate) needed: bool,
+    pub needed: bool,
     /// The folders that a file named by it must lie in.
-    pub(crate) roots: Arc<[PathBuf]>,
+    pub roots: Arc<[PathBuf]>,
 }
 
 /// A file that was read, and what the system said of it then.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct KnownFile {
+pub struct KnownFile {
     path: PathBuf,
     as_read: AsRead,
 }
@@ -58,11 +58,11 @@ impl AsRead {
 
 /// The files that were read, by path, with what the system said of them then.
 #[derive(Default)]
-pub(crate) struct Known(Mutex<HashMap<PathBuf, AsRead>>);
+pub struct Known(Mutex<HashMap<PathBuf, AsRead>>);
 
 impl Known {
     /// The content's hash, or that there is no such file; none if it must be read to know.
-    pub(crate) fn look(&self, path: &Path) -> Option<Option<Hash>> {
+    pub fn look(&self, path: &Path) -> Option<Option<Hash>> {
         match std::fs::metadata(path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
             Err(_) => None,
@@ -74,7 +74,7 @@ impl Known {
     }
 
     /// Takes over what another process knew.
-    pub(crate) fn extend(&self, files: Vec<KnownFile>) {
+    pub fn extend(&self, files: Vec<KnownFile>) {
         lock(&self.0).extend(files.into_iter().map(|file| (file.path, file.as_read)));
     }
 
@@ -83,7 +83,7 @@ impl Known {
     }
 
     /// What is known of these files.
-    pub(crate) fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
+    pub fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
         let find = |path: &Path| {
             Some(KnownFile { path: path.to_owned(), as_read: known.get(path)?.clone() })
@@ -93,7 +93,7 @@ impl Known {
 }
 
 /// The files of one evaluation.
-pub(crate) struct Reads<'a> {
+pub struct Reads<'a> {
     known: &'a Known,
     readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
@@ -104,17 +104,17 @@ pub(crate) struct Reads<'a> {
 type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
-    pub(crate) fn new(known: &'a Known, readers: &'a Readers) -> Self {
+    pub fn new(known: &'a Known, readers: &'a Readers) -> Self {
         Self { known, readers, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
     }
 
     /// How long reading took, on all threads together.
-    pub(crate) fn seconds(&self) -> f64 {
+    pub fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 / 1e9
     }
 
     /// The hash of the content; none if there is no such file and the node can do without it.
-    pub(crate) fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
+    pub fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
         let read = lock(&self.read).get(&file.path).cloned();
         if let Some(read) = read.as_ref().and_then(|slot| slot.get()) {
             return Ok(read.as_ref().map(|file| file.hash));
@@ -126,7 +126,7 @@ impl<'a> Reads<'a> {
     }
 
     /// The file with its content; none if there is no such file and the node can do without it.
-    pub(crate) fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
+    pub fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
         let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
         let found = match slot.get() {
             Some(found) => found.clone(),
@@ -170,7 +170,7 @@ impl<'a> Reads<'a> {
 }
 
 /// Where the files are that a file names, which lie in these folders or are said not to.
-pub(crate) fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
+pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
     // Only such files are read for what they name.
     if !readers.may_name(&ending(path)) {
         return Vec::new();

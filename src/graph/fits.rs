@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Finding, Help, Kind, Tree, nearest_or_all, with_article};
+use maquette_value::counted;
 use maquette_value::{Meaning, Region, Value as _, ValueType};
 
-use super::expect::counted;
-use crate::graph::Expectation;
+use crate::Expectation;
 
 /// What is wrong with an expectation: the field, the code, what, and what to do.
 type Fault = (&'static str, &'static str, String, Help);
@@ -15,7 +15,7 @@ type Fault = (&'static str, &'static str, String, Help);
 impl Expectation {
     /// Why it holds of no values of these types, which are those that it speaks of; what is not known of a type is right. `item` is
     /// where it stands.
-    pub(crate) fn fault(&self, types: &[Option<&ValueType>], item: &Tree) -> Option<Finding> {
+    pub fn fault(&self, types: &[Option<&ValueType>], item: &Tree) -> Option<Finding> {
         let (field, code, message, help) = self.contradiction().or_else(|| self.misfit(types))?;
         Some(Finding { code, span: place(item, field), message, help, note: None })
     }

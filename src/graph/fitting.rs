@@ -36,7 +36,7 @@ impl Parameters {
 }
 
 /// The call of a node with plain numbers in place of those with units, as far as these fit.
-pub(super) fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
+pub fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
     let mut fitting = Fitting { parameters: None, owner: None, findings: &mut Vec::new() };
     fitting.value(tree, Some(Expected::of_node("", schema)))
 }
@@ -57,7 +57,7 @@ pub(super) fn calls_in_plain_numbers(
 }
 
 /// A value for the parameter `name`, in plain numbers of its unit.
-pub(super) fn in_own_unit(
+pub fn in_own_unit(
     tree: &Tree,
     name: &str,
     unit: Option<&str>,
@@ -80,11 +80,7 @@ pub(super) fn in_own_unit(
 }
 
 /// The declaration of a parameter with all of its numbers in its unit.
-pub(super) fn declaration_in_own_unit(
-    tree: &Tree,
-    name: &str,
-    findings: &mut Vec<Finding>,
-) -> Tree {
+pub fn declaration_in_own_unit(tree: &Tree, name: &str, findings: &mut Vec<Finding>) -> Tree {
     let Kind::Call { name: kind, body: Body::Fields(fields) } = &tree.kind else {
         return tree.clone();
     };

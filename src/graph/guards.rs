@@ -11,19 +11,19 @@ use super::{ELEMENTS, Graph, GraphNode, Link};
 
 /// A test of a value that comes to a node.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Guard {
+pub struct Guard {
     /// The place of the link.
-    pub(crate) slot: usize,
-    pub(crate) property: &'static str,
+    pub slot: usize,
+    pub property: &'static str,
     /// Who wants it, in words: port `mesh`, or input `skin` of `shell`.
-    pub(crate) by: Arc<str>,
+    pub by: Arc<str>,
     /// The input that wants it, if it is not a port of the node.
-    pub(crate) input: Option<Arc<Wanter>>,
+    pub input: Option<Arc<Wanter>>,
 }
 
 /// An input of a graph that wants a property.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Wanter {
+pub struct Wanter {
     /// Where it says so.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
@@ -33,7 +33,7 @@ pub(crate) struct Wanter {
 
 impl Wanter {
     /// What comes in is not so: told where the graph is used, or where the input is declared if nobody uses it.
-    pub(crate) fn problem(&self, message: String, help: String) -> Problem {
+    pub fn problem(&self, message: String, help: String) -> Problem {
         let (source, span) = (self.source.clone(), self.span);
         let problem = |place, message| Problem::new(Severity::Error, code::FAILED, place, message);
         let Some((last, outer)) = self.uses.split_last() else {
@@ -161,7 +161,7 @@ fn never(nodes: &[GraphNode], node: &GraphNode, guard: &Guard) -> Problem {
 
 impl Graph {
     /// What a link to this output of a node would say.
-    pub(crate) fn link_name(&self, node: usize, output: usize) -> String {
+    pub fn link_name(&self, node: usize, output: usize) -> String {
         let GraphNode { name, outputs, .. } = &self.nodes[node];
         match (name.rsplit_once('/'), outputs.len()) {
             // The data of one element.

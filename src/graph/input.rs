@@ -43,8 +43,8 @@ pub struct GraphPort {
     pub name: String,
     /// The type of its values; none if it has the type that comes in somewhere.
     pub kind: Option<&'static ValueType>,
-    pub(super) node: usize,
-    pub(super) output: usize,
+    pub node: usize,
+    pub output: usize,
     pub(super) lineage: Arc<Lineage>,
     pub(super) span: Span,
 }
@@ -148,7 +148,7 @@ impl Graph {
     }
 
     /// The values in some files for its inputs, by their types and the files' endings, and warnings of what is to be doubted of them.
-    pub(crate) fn read_inputs(
+    pub fn read_inputs(
         &self,
         files: &[(String, PathBuf)],
         catalog: &Catalog,
@@ -226,7 +226,7 @@ impl Graph {
 }
 
 /// What the nodes that stand for inputs are called, where the types of nodes are told.
-pub(crate) const INPUT: &str = "Input";
+pub const INPUT: &str = "Input";
 
 /// The node that stands for an input, and its value if it has one.
 struct Input {

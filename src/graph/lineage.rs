@@ -12,13 +12,13 @@ use super::repeat::Repeat;
 
 /// The values from outside that may shape an output.
 #[derive(Debug, Default)]
-pub(crate) struct Lineage {
+pub struct Lineage {
     /// Whether each `Draft(..)` stands for its draft.
-    pub(crate) draft: bool,
+    pub draft: bool,
     /// Names of parameters, in the order of the file.
-    pub(crate) parameters: Vec<String>,
+    pub parameters: Vec<String>,
     /// Values of nodes' fields from `--set`.
-    pub(crate) set: Vec<(String, Json)>,
+    pub set: Vec<(String, Json)>,
 }
 
 impl Lineage {

@@ -17,7 +17,7 @@ use super::top::name_of;
 const MOST_LINKS: usize = 64;
 
 /// The names that links may begin with.
-pub(super) struct Names<'e> {
+pub struct Names<'e> {
     places: HashMap<String, Named>,
     pub(super) eaches: &'e [Each],
 }
@@ -30,7 +30,7 @@ pub(super) enum Named {
 }
 
 impl<'e> Names<'e> {
-    pub(super) fn new(drafts: &[Draft], eaches: &'e [Each]) -> Self {
+    pub fn new(drafts: &[Draft], eaches: &'e [Each]) -> Self {
         let nodes = drafts.iter().enumerate();
         let nodes = nodes.map(|(index, draft)| (draft.name.text.clone(), Named::Draft(index)));
         let all = eaches.iter().enumerate();
@@ -56,7 +56,7 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// The nodes and outputs that a link names, by the drafts' places: several if it names the output of a `ForEach`.
-    pub(super) fn target(
+    pub fn target(
         &mut self,
         text: &str,
         span: Span,

@@ -20,18 +20,18 @@ use super::{Difference, Graph, Options};
 use crate::catalog::Catalog;
 
 /// The ending of lock files.
-pub(crate) const ENDING: &str = "lock.ron";
+pub const ENDING: &str = "lock.ron";
 
 /// The graphs that a graph uses, by their paths relative to its folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Lock(pub(crate) BTreeMap<String, Locked>);
+pub struct Lock(pub BTreeMap<String, Locked>);
 
 /// A used graph as it was.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Locked {
-    pub(crate) version: Option<String>,
+pub struct Locked {
+    pub version: Option<String>,
     /// Its text; lines end in `\n`.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 impl Locked {
@@ -40,20 +40,20 @@ impl Locked {
     }
 
     /// The version, or that there is none.
-    pub(crate) fn version(&self) -> &str {
+    pub fn version(&self) -> &str {
         self.version.as_deref().unwrap_or("no version")
     }
 }
 
 /// What a graph uses now.
-pub(crate) struct UsedNow {
-    pub(crate) lock: Lock,
+pub struct UsedNow {
+    pub lock: Lock,
     /// The types that it makes of graphs, and the paths of these in the lock.
-    pub(crate) names: Vec<(String, String)>,
+    pub names: Vec<(String, String)>,
 }
 
 /// The lock file of a graph.
-pub(crate) fn beside(graph: &Path) -> PathBuf {
+pub fn beside(graph: &Path) -> PathBuf {
     graph.with_extension(ENDING)
 }
 
@@ -62,7 +62,7 @@ impl Lock {
     ///
     /// # Errors
     /// If the file cannot be read, is no lock, or was changed by hand.
-    pub(crate) fn of(graph: &Path) -> Result<Option<Self>, Box<Problem>> {
+    pub fn of(graph: &Path) -> Result<Option<Self>, Box<Problem>> {
         let name = beside(graph);
         let problem = |text: &str, span, message: String| {
             let source = Arc::new(Source { name: name.clone(), text: text.to_owned() });
@@ -88,7 +88,7 @@ impl Lock {
     ///
     /// # Errors
     /// What is wrong with the graph or one that it uses.
-    pub(crate) fn now(
+    pub fn now(
         path: &Path,
         folder: &Path,
         catalog: &Catalog,
@@ -122,7 +122,7 @@ impl Lock {
     }
 
     /// The lock as a file of its own.
-    pub(crate) fn to_text(&self, graph: &Path) -> String {
+    pub fn to_text(&self, graph: &Path) -> String {
         let name = graph.file_name().unwrap_or_default().to_string_lossy();
         let mut text = format!(
             "// The graphs that {name} uses, as `maquette lock` or `maquette update` took them.\nLock(\n    format: 1,\n    files: {{\n"
@@ -288,12 +288,7 @@ fn in_words(path: &Path, before: &Locked, now: &Locked, catalog: &Catalog) -> St
 }
 
 /// What a used graph says otherwise than before; nothing if one of the texts is no graph.
-pub(crate) fn differences(
-    path: &Path,
-    before: &str,
-    now: &str,
-    catalog: &Catalog,
-) -> Vec<Difference> {
+pub fn differences(path: &Path, before: &str, now: &str, catalog: &Catalog) -> Vec<Difference> {
     let source = |text: &str| Source { name: path.to_owned(), text: text.to_owned() };
     Graph::differences(&source(before), &source(now), catalog).unwrap_or_default()
 }

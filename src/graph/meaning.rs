@@ -17,13 +17,13 @@ use super::describe::Subgraph;
 use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::fitting::{declaration_in_own_unit, in_plain_numbers};
-use super::repeat::MOST;
 use super::parameters::is_computed;
 use super::quality::{draft_of, is_draft};
+use super::repeat::MOST;
 use crate::catalog::{Catalog, Entry};
 
 /// The fields of a graph that say nothing if there is nothing in them.
-pub(super) const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
+pub const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
 /// The parts of a graph whose entries have names.
 pub(super) const SECTIONS: [(&str, &str); 5] = [
@@ -138,7 +138,7 @@ impl Meaning {
     }
 }
 
-pub(super) fn entries<'t>(
+pub fn entries<'t>(
     fields: &'t [Field],
     section: &str,
 ) -> impl Iterator<Item = (&'t str, &'t Tree)> {
@@ -181,7 +181,7 @@ fn bare_name(name: &Name) -> Name {
 }
 
 /// A value of which nothing is known.
-pub(super) fn plain(tree: &Tree) -> Tree {
+pub fn plain(tree: &Tree) -> Tree {
     plain_with(tree, &|text| Kind::Text(text.to_owned()))
 }
 
@@ -231,7 +231,7 @@ fn sorted_map(mut entries: Vec<(Tree, Tree)>) -> Kind {
 }
 
 /// Whether a field, which has no links in it, says what it means if it is left out.
-pub(super) fn is_default(tree: &Tree, schema: &Json, root: &Json, catalog: &Catalog) -> bool {
+pub fn is_default(tree: &Tree, schema: &Json, root: &Json, catalog: &Catalog) -> bool {
     let kinds = HashMap::new();
     let reader = Reading { catalog, graphs: &[], kinds: &kinds };
     reader.value(tree, schema, root) == reader.default(schema, root)
@@ -515,12 +515,12 @@ fn renamed_words(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
 }
 
 /// The name that a link begins with: `eyes` of `eyes.range` and of `eyes/1.range`.
-pub(super) fn named_node(link: &str) -> &str {
+pub fn named_node(link: &str) -> &str {
     link.split(['.', '/']).next().unwrap_or_default()
 }
 
 /// The value on one line, as a file would have it.
-pub(super) fn show(tree: &Tree) -> String {
+pub fn show(tree: &Tree) -> String {
     let all = |items: &[Tree]| Vec::from_iter(items.iter().map(show)).join(", ");
     match &tree.kind {
         Kind::Number { value, .. } if value.abs() < 1e-4 && *value != 0.0 => format!("{value:e}"),
@@ -551,7 +551,7 @@ pub(super) fn show(tree: &Tree) -> String {
 }
 
 /// Whether a value holds nothing.
-pub(super) fn is_empty(value: &Tree) -> bool {
+pub fn is_empty(value: &Tree) -> bool {
     match &value.kind {
         Kind::Text(text) => text.is_empty(),
         Kind::List(items) => items.is_empty(),
@@ -562,7 +562,7 @@ pub(super) fn is_empty(value: &Tree) -> bool {
 }
 
 /// Whether a field of a `ForEach` says what most of its elements may be where it does not say it.
-pub(super) fn is_usual_most(field: &Field) -> bool {
+pub fn is_usual_most(field: &Field) -> bool {
     let is_usual = matches!(&field.value.kind, Kind::Number { value, .. } if *value == MOST as f64);
     field.name.text == "most" && is_usual
 }

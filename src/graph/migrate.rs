@@ -11,17 +11,16 @@ use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::quoted;
 use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
 
-use super::edit::{Splice, added, apply, without};
 use super::patch::patched_tree;
 use super::quality::{each_side, is_draft};
 use super::{Files, Graph, Options};
+use super::{Splice, added, apply, without};
 use crate::catalog::Catalog;
 
 mod puts;
-#[cfg(feature = "cli")]
 mod sets;
 
-pub(super) use puts::{
+pub use puts::{
     Renewed, node_steps, ready_for, renewed_node, renewed_put, renewed_target, renewed_text,
 };
 use puts::{nodes_of_packs, of_patch};
@@ -65,7 +64,7 @@ struct Migrations<'c> {
 }
 
 /// The type of a node, or the one that a `ForEach` repeats.
-pub(super) fn kind_of(node: &Tree) -> Option<Name> {
+pub fn kind_of(node: &Tree) -> Option<Name> {
     Call::of(node).map(|call| call.kind)
 }
 

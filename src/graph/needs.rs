@@ -9,11 +9,11 @@ use petgraph::visit::{Dfs, DfsPostOrder, VisitMap, Visitable};
 /// petgraph gives the neighbors of a node from the last edge to the first, and its walks follow the last neighbor first: so they
 /// follow the edges in the order in which they were added.
 #[derive(Debug, Default)]
-pub(crate) struct Needs(DiGraph<(), ()>);
+pub struct Needs(DiGraph<(), ()>);
 
 impl Needs {
     /// The graph of `count` nodes with these links, each from a node to one that it needs.
-    pub(crate) fn new(count: usize, links: impl Iterator<Item = (usize, usize)>) -> Self {
+    pub fn new(count: usize, links: impl Iterator<Item = (usize, usize)>) -> Self {
         let mut graph = DiGraph::with_capacity(count, links.size_hint().0);
         for _ in 0..count {
             graph.add_node(());
@@ -36,7 +36,7 @@ impl Needs {
     }
 
     /// These nodes and all that they hang on: whether each node is one of them.
-    pub(crate) fn of(&self, roots: impl IntoIterator<Item = usize>) -> Vec<bool> {
+    pub fn of(&self, roots: impl IntoIterator<Item = usize>) -> Vec<bool> {
         let roots = roots.into_iter().map(NodeIndex::new).collect();
         let mut walk = Dfs::from_parts(roots, self.0.visit_map());
         while walk.next(&self.0).is_some() {}

@@ -16,12 +16,12 @@ use super::check::Check;
 use super::definition::Used;
 use super::draft::{Draft, What};
 use super::each::Each;
-use super::edit::{Refusal, unreachable_part};
 use super::migrate::{Renewed, kind_of, renewed_put};
 use super::parameters::{Parameters, read_set};
 use super::quality::{has_draft, is_draft, is_side};
 use super::recipe::Recipe;
 use super::{Files, ReadFile};
+use super::{Refusal, unreachable_part};
 use crate::catalog::Entry;
 use crate::files::NodeFile;
 

@@ -110,7 +110,7 @@ impl Check<'_, '_> {
     }
 
     /// The outputs of a graph that others use: ports instead of files.
-    pub(super) fn ports(
+    pub fn ports(
         &mut self,
         entries: &[(Tree, Tree)],
         drafts: &[Draft],

@@ -32,7 +32,7 @@ pub(super) struct Worked {
     pub(super) value: Tree,
     pub(super) unit: Unit,
     /// What it is, for messages: `Param("near")`.
-    pub(super) words: String,
+    pub words: String,
     /// Where its unit comes from, if that is another place.
     pub(super) note: Option<(Span, String)>,
 }
@@ -282,7 +282,7 @@ pub(crate) fn handed_over(tree: Tree, sheet: &Arc<Sheet>) -> Tree {
 }
 
 /// Whether the value is a parameter's, or computed from such.
-pub(super) fn is_computed(tree: &Tree) -> bool {
+pub fn is_computed(tree: &Tree) -> bool {
     tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
 }
 

@@ -15,8 +15,8 @@ use maquette_syntax::{
 
 use super::Options;
 use super::check::{Check, first, folder_of};
-use super::edit::{Splice, place, written};
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
+use super::{Splice, place, written};
 use crate::catalog::Catalog;
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
@@ -249,12 +249,12 @@ impl Check<'_, '_> {
 }
 
 /// Whether a file holds `Patch(..)`.
-pub(super) fn is_patch(tree: &Tree) -> bool {
+pub fn is_patch(tree: &Tree) -> bool {
     tree.name().is_some_and(|name| name.text == "Patch")
 }
 
 /// What stands twice in a patch, where each name stands once. In a value the check of the patched graph finds it.
-pub(super) fn duplicates(file: &Tree) -> Vec<Finding> {
+pub fn duplicates(file: &Tree) -> Vec<Finding> {
     let fields = file.fields().filter(|_| is_patch(file)).unwrap_or_default();
     let mut found = fields_twice(fields);
     for field in fields {

@@ -25,29 +25,29 @@ mod ancestry;
 mod bytes;
 mod sidecar;
 
-pub(crate) use ancestry::Ancestry;
-pub(crate) use bytes::write as bytes_of;
+pub use ancestry::Ancestry;
+pub use bytes::write as bytes_of;
 
 /// The ending of the file beside a graph that says which nodes are pinned.
-pub(crate) const ENDING: &str = "pins.ron";
+pub const ENDING: &str = "pins.ron";
 
 /// What stands for a node whose result is pinned.
-pub(crate) const PINNED: &str = "Pinned";
+pub const PINNED: &str = "Pinned";
 
 /// The pins of a graph, by the names of nodes.
 #[derive(Default)]
-pub(crate) struct Pins {
-    pub(crate) pins: BTreeMap<String, Pin>,
+pub struct Pins {
+    pub pins: BTreeMap<String, Pin>,
     /// The folder of the kept values.
-    pub(crate) folder: PathBuf,
+    pub folder: PathBuf,
     /// The file that says all this.
     source: Arc<Source>,
 }
 
 /// A kept result.
-pub(crate) struct Pin {
+pub struct Pin {
     /// The type and the hash of each output.
-    pub(crate) outputs: Vec<(String, Hash)>,
+    pub outputs: Vec<(String, Hash)>,
     /// What it was computed from.
     pub(crate) ancestry: Ancestry,
     /// Where the file says it.
@@ -55,13 +55,13 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    pub(crate) fn new(values: &[AnyValue], ancestry: Ancestry) -> Self {
+    pub fn new(values: &[AnyValue], ancestry: Ancestry) -> Self {
         let outputs = values.iter().map(|value| (value.kind().name.to_owned(), value.hash()));
         Self { outputs: outputs.collect(), ancestry, span: Span::default() }
     }
 
     /// The file of its values in the folder of a graph's pins.
-    pub(crate) fn file(&self, folder: &Path) -> PathBuf {
+    pub fn file(&self, folder: &Path) -> PathBuf {
         let hashes = Vec::from_iter(self.outputs.iter().flat_map(|(_, hash)| hash.0));
         folder.join(Hash::of(&hashes).to_string())
     }

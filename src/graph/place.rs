@@ -4,15 +4,16 @@ use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Field, Kind, Tree, nearest_or_all, parse, unit_names};
 
 use super::splice::{Splice, added, put_entry};
-use crate::graph::patch::is_patch;
-use crate::graph::quality::{self, is_draft, is_side};
+use crate::patch::is_patch;
+use crate::quality;
+use crate::quality::{is_draft, is_side};
 
 /// Why a value cannot be put where it should be.
-pub(in crate::graph) struct Refusal {
-    pub(in crate::graph) code: &'static str,
-    pub(in crate::graph) span: Span,
-    pub(in crate::graph) message: String,
-    pub(in crate::graph) help: String,
+pub struct Refusal {
+    pub code: &'static str,
+    pub span: Span,
+    pub message: String,
+    pub help: String,
 }
 
 impl Refusal {
@@ -24,7 +25,7 @@ impl Refusal {
 /// The edits that put a value to its place, and what stands there now. What stands for a parameter is replaced only if
 /// `overrules`. In a `Draft` it is the value for final results, or for drafts if the edit is of a `draft`, unless the new value is a
 /// `Draft` itself. What is no `Draft` becomes one by the edit of a `draft`, which leaves the final value as it is.
-pub(in crate::graph) fn place(
+pub fn place(
     text: &str,
     target: &str,
     value: &str,
@@ -177,7 +178,7 @@ fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str)
 }
 
 /// Where a way through a value ends.
-pub(super) enum Found<'t> {
+pub enum Found<'t> {
     Value(&'t Tree),
     /// At this call, which does not have the first of these fields.
     Missing(&'t Tree, Vec<String>),
@@ -185,11 +186,7 @@ pub(super) enum Found<'t> {
 
 /// Follows a way through fields, entries and items. The name of a choice, `Near` of `Near(..)`, may be a step of it. Of a `Draft` it goes on
 /// in this side, unless it names one itself; without a side it ends there.
-pub(super) fn find<'t>(
-    tree: &'t Tree,
-    path: &[&str],
-    side: Option<bool>,
-) -> Result<Found<'t>, Refusal> {
+pub fn find<'t>(tree: &'t Tree, path: &[&str], side: Option<bool>) -> Result<Found<'t>, Refusal> {
     if is_draft(tree)
         && !path.first().is_some_and(|step| is_side(step))
         && let Some(inside) = side.and_then(|draft| quality::side(tree, draft))
@@ -255,17 +252,13 @@ fn find_inside<'t>(
     }
 }
 
-pub(in crate::graph) fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
+pub fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
     tree.fields()?.iter().find(|field| field.name.text == name)
 }
 
 /// Why nothing can be put at a way through a value, if that leads nowhere: past the last item, or into what has no parts. What is missing is no
 /// reason: it can be added.
-pub(in crate::graph) fn unreachable_part(
-    tree: &Tree,
-    path: &[&str],
-    draft: bool,
-) -> Option<Refusal> {
+pub fn unreachable_part(tree: &Tree, path: &[&str], draft: bool) -> Option<Refusal> {
     find(tree, path, Some(draft)).err()
 }
 

@@ -13,7 +13,7 @@ use super::meaning::{entries, show};
 const SIDES: [&str; 2] = ["final", "draft"];
 
 /// Whether a value is a `Draft(..)`.
-pub(super) fn is_draft(tree: &Tree) -> bool {
+pub fn is_draft(tree: &Tree) -> bool {
     matches!(&tree.kind, Kind::Call { name: Some(name), .. } if name.text == "Draft")
 }
 
@@ -26,7 +26,7 @@ pub(super) fn draft_of(value: impl Fn(&str) -> Tree) -> Tree {
 }
 
 /// Whether a part of the value is a `Draft(..)`.
-pub(super) fn has_draft(tree: &Tree) -> bool {
+pub fn has_draft(tree: &Tree) -> bool {
     is_draft(tree)
         || match &tree.kind {
             Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
@@ -41,12 +41,12 @@ pub(super) fn has_draft(tree: &Tree) -> bool {
 }
 
 /// Whether a word names a field of a `Draft`.
-pub(super) fn is_side(word: &str) -> bool {
+pub fn is_side(word: &str) -> bool {
     SIDES.contains(&word)
 }
 
 /// What a `Draft` has for drafts, or for final results; none if that is not there.
-pub(super) fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
+pub fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
     let wanted = SIDES[usize::from(draft)];
     let found = tree.fields()?.iter().find(|field| field.name.text == wanted);
     found.map(|field| &field.value)
@@ -54,16 +54,16 @@ pub(super) fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
 
 /// A `Draft(..)` that stands in a field of a node, as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct DraftField {
+pub struct DraftField {
     /// The way there: `select.distance`.
-    pub(crate) field: String,
+    pub field: String,
     /// What final results have, and what drafts have.
-    pub(crate) sides: [String; 2],
+    pub sides: [String; 2],
 }
 
 impl Graph {
     /// The drafts in the fields of the nodes of its own file, by the nodes' names.
-    pub(crate) fn draft_fields(&self) -> HashMap<String, Vec<DraftField>> {
+    pub fn draft_fields(&self) -> HashMap<String, Vec<DraftField>> {
         let (tree, _) = parse(&self.source.text);
         let nodes = entries(tree.fields().unwrap_or_default(), "nodes");
         let found = nodes.map(|(name, node)| {

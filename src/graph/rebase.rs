@@ -11,10 +11,10 @@ use maquette_syntax::{Origin, Tree, Walk, parse};
 
 use super::definition::Definition;
 use super::draft::{Draft, What};
-use super::edit::{Splice, apply, field};
 use super::meaning::entries;
 use super::quality::side;
 use super::top::name_of;
+use super::{Splice, apply, field};
 
 /// A path that is relative to one folder, relative to another one.
 fn rebased(given: &str, from: &Path, to: &Path) -> String {
@@ -25,7 +25,7 @@ fn rebased(given: &str, from: &Path, to: &Path) -> String {
 }
 
 /// The text in an entry of `use` that is the path of a graph.
-pub(super) fn path_of_use(value: &Tree) -> Option<&Tree> {
+pub fn path_of_use(value: &Tree) -> Option<&Tree> {
     let value = value.call_of("Graph").unwrap_or(value);
     let path = field(value, "path").map_or(value, |field| &field.value);
     path.text().map(|_| path)
@@ -44,7 +44,7 @@ pub(super) fn seen_from(definition: &Definition, to: &Path) -> String {
 }
 
 /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
-pub(super) fn files(definition: &Definition) -> BTreeSet<Span> {
+pub fn files(definition: &Definition) -> BTreeSet<Span> {
     let mut files = Files::default().of(definition);
     for (_, declaration) in entries(definition.tree.fields().unwrap_or_default(), "params") {
         let Some(default) = field(declaration, "default").map(|field| &field.value) else {
@@ -61,7 +61,7 @@ pub(super) fn files(definition: &Definition) -> BTreeSet<Span> {
 }
 
 /// The edit of a path that leads to the same file from another folder, if that is another path.
-pub(super) fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
+pub fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
     let given = parse(&text[span.start..span.end]).0.text()?.to_owned();
     let path = rebased(&given, from, to);
     (path != given).then(|| (span, quoted(&path)))

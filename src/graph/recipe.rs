@@ -11,17 +11,17 @@ use crate::files::NodeFile;
 
 /// What a node is, apart from what comes in: all that is known when its graph is read.
 #[derive(Debug)]
-pub(crate) struct Recipe {
+pub struct Recipe {
     /// The type's name: `Threshold`.
-    pub(crate) kind: String,
+    pub kind: String,
     /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
-    pub(crate) parameters: Json,
+    pub parameters: Json,
     /// The hash of both, in which of a file's path only the ending counts.
-    pub(crate) identity: Hash,
+    pub identity: Hash,
 }
 
 impl Recipe {
-    pub(crate) fn new(kind: &str, parameters: Json, files: &[NodeFile]) -> Self {
+    pub fn new(kind: &str, parameters: Json, files: &[NodeFile]) -> Self {
         let optional = files.iter().filter(|file| !file.needed).map(|file| ending(&file.path));
         let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);
         let identity = Hash::of(content.to_string().as_bytes());
@@ -36,7 +36,7 @@ impl Recipe {
     }
 
     /// The files that its fields name, each with the way there: `color`, `select.mask`.
-    pub(crate) fn files(&self) -> Vec<(String, PathBuf)> {
+    pub fn files(&self) -> Vec<(String, PathBuf)> {
         fn collect(field: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
             let mut inside = |step: &str, value: &Json| {
                 let way = if way.is_empty() { step.to_owned() } else { format!("{way}.{step}") };

@@ -47,7 +47,7 @@ pub(super) enum Counted {
 }
 
 /// The elements of a value, for a `ForEach`.
-pub(super) struct Elements {
+pub struct Elements {
     /// Which ones, if a word says so.
     pub(super) word: String,
     /// The `ForEach`.
@@ -56,7 +56,7 @@ pub(super) struct Elements {
 }
 
 /// One element of a `ForEach` whose number is known late.
-pub(super) struct Pick {
+pub struct Pick {
     /// The draft that is repeated.
     pub(super) of: usize,
     /// Which one, from 1.

@@ -9,15 +9,15 @@ use super::needs::Needs;
 
 /// What an evaluation wants to know of a graph without touching its nodes.
 #[derive(Debug)]
-pub(crate) struct Shape {
+pub struct Shape {
     /// The nodes' names.
-    pub(crate) names: Arc<[String]>,
+    pub names: Arc<[String]>,
     /// Of each node the hash of its name, recipe and links.
-    pub(crate) identities: Arc<[Hash]>,
+    pub identities: Arc<[Hash]>,
     /// The hash of all nodes' names, recipes and links: equal for two graphs, the same graph.
-    pub(crate) identity: Hash,
+    pub identity: Hash,
     /// The nodes that read files.
-    pub(crate) readers: Vec<usize>,
+    pub readers: Vec<usize>,
     needs: Needs,
 }
 
@@ -38,22 +38,22 @@ impl Shape {
         }
     }
 
-    pub(crate) fn reads_files(&self, node: usize) -> bool {
+    pub fn reads_files(&self, node: usize) -> bool {
         self.readers.binary_search(&node).is_ok()
     }
 
     /// The nodes that are linked to a node, once per link, in their order.
-    pub(crate) fn users(&self, node: usize) -> impl Iterator<Item = usize> {
+    pub fn users(&self, node: usize) -> impl Iterator<Item = usize> {
         self.needs.users(node)
     }
 
     /// The nodes that a node is linked to, once per link.
-    pub(crate) fn sources(&self, node: usize) -> impl Iterator<Item = usize> {
+    pub fn sources(&self, node: usize) -> impl Iterator<Item = usize> {
         self.needs.sources(node)
     }
 
     /// These nodes and all that they hang on: whether each node is one of them.
-    pub(crate) fn needed_by(&self, roots: &[usize]) -> Vec<bool> {
+    pub fn needed_by(&self, roots: &[usize]) -> Vec<bool> {
         self.needs.of(roots.iter().copied())
     }
 }

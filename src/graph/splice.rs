@@ -6,9 +6,9 @@ use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Token, Tree, tokens};
 
 /// A text in place of a part of another.
-pub(in crate::graph) type Splice = (Span, String);
+pub type Splice = (Span, String);
 
-pub(in crate::graph) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
+pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
     // Stable: what is put into one place comes in the order that it was given.
     edits.sort_by_key(|(span, _)| *span);
     let mut result = String::with_capacity(text.len() + 64);
@@ -26,7 +26,7 @@ pub(in crate::graph) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
 }
 
 /// The edits that add a field to a call, or to a bare word, as its author writes fields.
-pub(in crate::graph) fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
+pub fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
     let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
     let Some(last) = owner.fields().and_then(<[Field]>::last) else {
         // `Name` or `Name()`, perhaps with spaces or comments in it.
@@ -49,7 +49,7 @@ pub(in crate::graph) fn added(text: &str, owner: &Tree, name: &str, value: &str)
 
 /// The edits that put a new field, entry or item behind one of `owner`: on a line of its own if that one is. `before` is where the
 /// one before that ends.
-pub(in crate::graph) fn behind(
+pub fn behind(
     text: &str,
     owner: Span,
     before: Option<usize>,
@@ -77,7 +77,7 @@ pub(in crate::graph) fn behind(
 }
 
 /// What stands before a part of `owner` on its line, if that is nothing but space and the line is not the one that opens it.
-pub(in crate::graph) fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
+pub fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
     let line = line_start(text, part.start);
     let indent = &text[line..part.start];
     (line > owner.start && indent.trim().is_empty()).then_some(indent)
@@ -85,7 +85,7 @@ pub(in crate::graph) fn indent_of(text: &str, owner: Span, part: Span) -> Option
 
 /// The edits that put a new entry into a map: behind one of its entries, or as its only one, then on a line of its own if `broken`.
 /// `write` gives the entry as it stands behind an indentation.
-pub(in crate::graph) fn put_entry(
+pub fn put_entry(
     text: &str,
     map: &Tree,
     behind_entry: Option<usize>,
@@ -116,18 +116,13 @@ pub(in crate::graph) fn put_entry(
 }
 
 /// How the line before a place ends.
-pub(in crate::graph) fn newline(text: &str, at: usize) -> &'static str {
+pub fn newline(text: &str, at: usize) -> &'static str {
     if text[..line_start(text, at)].ends_with("\r\n") { "\r\n" } else { "\n" }
 }
 
 /// Lines in their canonical form behind so many columns, as they stand behind an indentation, with these ends. The first one has none
 /// before it.
-pub(in crate::graph) fn reindented(
-    form: &str,
-    columns: usize,
-    indent: &str,
-    newline: &str,
-) -> String {
+pub fn reindented(form: &str, columns: usize, indent: &str, newline: &str) -> String {
     let mut text = String::with_capacity(form.len());
     for (token, Span { start, end }) in tokens(form) {
         let piece = &form[start..end];
@@ -151,14 +146,14 @@ fn line_start(text: &str, at: usize) -> usize {
 }
 
 /// Where what stands between the brackets of a value begins.
-pub(in crate::graph) fn opened(text: &str, value: Span) -> usize {
+pub fn opened(text: &str, value: Span) -> usize {
     let pieces = tokens(&text[value.start..value.end]);
     let open = pieces.iter().find(|(piece, _)| *piece == Token::Open);
     open.map_or(value.start, |(_, span)| value.start + span.end)
 }
 
 /// The places of what stands between the commas of a value: fields, items or entries.
-pub(in crate::graph) fn parts(value: &Tree) -> Vec<Span> {
+pub fn parts(value: &Tree) -> Vec<Span> {
     match &value.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
             items.iter().map(|item| item.span).collect()
@@ -178,7 +173,7 @@ pub(in crate::graph) fn parts(value: &Tree) -> Vec<Span> {
 }
 
 /// The edits that take some of the parts of a value away, and with them their commas and lines.
-pub(in crate::graph) fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
+pub fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
     let parts = parts(owner);
     let (open, close) = (opened(text, owner.span), owner.span.end - 1);
     let mut cuts = Vec::new();
@@ -232,12 +227,7 @@ fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
 }
 
 /// Whole lines, and the blank lines before them where blank lines or the closing bracket follow.
-pub(in crate::graph) fn without_blank_lines(
-    text: &str,
-    cut: Span,
-    open: usize,
-    close: usize,
-) -> Span {
+pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
     let Span { mut start, mut end } = cut;
     let begins_line = |at: usize| text[..at].ends_with('\n');
     if !begins_line(start) || !begins_line(end) {
@@ -274,15 +264,15 @@ fn merged(mut spans: Vec<Span>) -> Vec<Span> {
 }
 
 /// What follows a part of a value.
-pub(in crate::graph) struct Tail {
+pub struct Tail {
     /// The comma behind it.
-    pub(in crate::graph) comma: Option<usize>,
+    pub comma: Option<usize>,
     /// Where its line ends, comments included; the line of the comma if there is one.
-    pub(in crate::graph) line_end: usize,
+    pub line_end: usize,
 }
 
 impl Tail {
-    pub(in crate::graph) fn of(text: &str, value_end: usize, call_end: usize) -> Self {
+    pub fn of(text: &str, value_end: usize, call_end: usize) -> Self {
         let mut tail = Self { comma: None, line_end: value_end };
         let mut same_line = true;
         // A text that begins in the middle of a graph is still cut into the right pieces.

@@ -24,11 +24,11 @@ use super::{Graph, Options};
 use crate::catalog::Catalog;
 
 /// How many elements each `ForEach` over data has, by its name, as far as that is known.
-pub(crate) type Counts = BTreeMap<String, Count>;
+pub type Counts = BTreeMap<String, Count>;
 
 /// What is known of the elements of a `ForEach`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Count {
+pub enum Count {
     /// So many.
     Of(usize),
     /// Nothing can be made of them, because of this.
@@ -37,13 +37,13 @@ pub(crate) enum Count {
 
 /// A `ForEach` over data in a flat graph.
 #[derive(Clone, Debug)]
-pub(crate) struct Loop {
+pub struct Loop {
     /// Its name.
-    pub(crate) name: String,
+    pub name: String,
     /// The node that takes the data apart.
-    pub(crate) node: usize,
+    pub node: usize,
     /// Whether the number of its elements is not known: the graph has one example.
-    pub(crate) is_open: bool,
+    pub is_open: bool,
 }
 
 /// All that a graph is expanded from again.
@@ -71,29 +71,29 @@ impl Stage {
 
 impl Graph {
     /// The same graph, of which it is known that these `ForEach`es have as many elements as their data have, or that their data fail.
-    pub(crate) fn settled(self, settled: BTreeSet<String>) -> Self {
+    pub fn settled(self, settled: BTreeSet<String>) -> Self {
         Self { settled, ..self }
     }
 
     /// What takes data without elements apart: no node hangs on it, but what happened to it is to be told.
-    pub(crate) fn empty(&self) -> impl Iterator<Item = usize> {
+    pub fn empty(&self) -> impl Iterator<Item = usize> {
         let is_empty =
             |it: &&Loop| self.settled.contains(&it.name) && self.nodes[it.node].outputs.is_empty();
         self.loops.iter().filter(is_empty).map(|it| it.node)
     }
 
     /// Whether that is known of one.
-    pub(crate) fn is_settled(&self, name: &str) -> bool {
+    pub fn is_settled(&self, name: &str) -> bool {
         self.settled.contains(name)
     }
 
     /// Each `ForEach` over data in it.
-    pub(crate) fn loops(&self) -> &[Loop] {
+    pub fn loops(&self) -> &[Loop] {
         &self.loops
     }
 
     /// The data of one element, `spots/3/spot`: the output of the node `spots/spot` that takes them apart.
-    pub(crate) fn element(&self, name: &str) -> Option<(usize, usize)> {
+    pub fn element(&self, name: &str) -> Option<(usize, usize)> {
         let (element, port) = name.rsplit_once('/')?;
         let (each, number) = element.rsplit_once('/')?;
         let found = self.loops.iter().find(|it| it.name == each && !it.is_open)?;
@@ -104,7 +104,7 @@ impl Graph {
     }
 
     /// The nodes that a name means; of one that may be inside of a `ForEach` over data, the node that says what is.
-    pub(crate) fn meant(&self, name: &str) -> Vec<usize> {
+    pub fn meant(&self, name: &str) -> Vec<usize> {
         let named =
             self.value_named(name).map_or_else(|| self.nodes_of(name), |(node, _)| vec![node]);
         let around = self.loops.iter().filter(|it| is_inside(name, &it.name));
@@ -112,7 +112,7 @@ impl Graph {
     }
 
     /// The `ForEach` over data that a name means or is inside of, if its elements are not known.
-    pub(crate) fn open_loop(&self, name: &str) -> Option<&Loop> {
+    pub fn open_loop(&self, name: &str) -> Option<&Loop> {
         let mut open = self.loops.iter().filter(|it| it.is_open);
         open.find(|it| name == it.name || is_inside(name, &it.name))
     }
@@ -121,11 +121,7 @@ impl Graph {
     ///
     /// # Errors
     /// If something is wrong with these counts, as with a number that an element gets.
-    pub(crate) fn expanded(
-        &self,
-        counts: &Counts,
-        catalog: &Catalog,
-    ) -> Result<Self, Vec<Problem>> {
+    pub fn expanded(&self, counts: &Counts, catalog: &Catalog) -> Result<Self, Vec<Problem>> {
         let Some(stage) = &self.stage else { return Ok(self.clone()) };
         let mut last = stage.last.lock().unwrap_or_else(|broken| broken.into_inner());
         let known = last.take().filter(|(known, _)| known == counts).map(|(_, graph)| graph);
@@ -151,7 +147,7 @@ impl Graph {
 }
 
 /// What the nodes that take data apart are called, where the types of nodes are told.
-pub(crate) const ELEMENTS: &str = "Elements";
+pub const ELEMENTS: &str = "Elements";
 
 /// Takes data apart: an output for each element.
 struct Cut {
@@ -181,7 +177,7 @@ impl Memo for Before {
 /// There are other elements than the graph was expanded for.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("it has {0} elements by now: run the graph again")]
-pub(crate) struct OtherCount(pub(crate) usize);
+pub struct OtherCount(pub usize);
 
 #[derive(Clone, Debug, thiserror::Error)]
 enum Uncut {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// What the system tells of a file without reading it. A file that is written to gets another stamp, unless it is written twice
 /// within the clock's grain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Stamp {
+pub struct Stamp {
     size: u64,
     /// Nanoseconds since 1970.
     modified: u128,
@@ -23,20 +23,20 @@ pub(crate) struct Stamp {
 const GRAIN: Duration = Duration::from_secs(2);
 
 /// and those that tell parts of a second this coarse; tests wait for it often, where it is known to be finer.
-pub(crate) const FINE_GRAIN: Duration = Duration::from_millis(if cfg!(test) { 40 } else { 100 });
+pub const FINE_GRAIN: Duration = Duration::from_millis(if cfg!(test) { 40 } else { 100 });
 
 impl Stamp {
-    pub(crate) fn of(path: &Path) -> Option<Self> {
+    pub fn of(path: &Path) -> Option<Self> {
         std::fs::metadata(path).ok().map(|metadata| Self::new(&metadata))
     }
 
     /// That of a file that was moved between both; none if it was written to, too.
-    pub(crate) fn moved(before: &Metadata, after: &Metadata) -> Option<Self> {
+    pub fn moved(before: &Metadata, after: &Metadata) -> Option<Self> {
         let (before, after) = (Self::new(before), Self::new(after));
         (Self { changed: before.changed, ..after } == before).then_some(after)
     }
 
-    pub(crate) fn new(metadata: &Metadata) -> Self {
+    pub fn new(metadata: &Metadata) -> Self {
         let since = |time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok();
         let modified = metadata.modified().ok().and_then(since).map_or(0, |since| since.as_nanos());
         #[cfg(unix)]
@@ -51,7 +51,7 @@ impl Stamp {
     }
 
     /// Whether a write after this moment would have given another stamp.
-    pub(crate) fn is_settled(&self) -> bool {
+    pub fn is_settled(&self) -> bool {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let is_fine = !self.modified.is_multiple_of(1_000_000_000);
         let grain = if is_fine { FINE_GRAIN } else { GRAIN };

@@ -35,18 +35,18 @@ pub(super) struct TopLevel<'t> {
 }
 
 /// Whether a word can name a node: `[a-z][a-z0-9-]*`.
-pub(crate) fn is_name(word: &str) -> bool {
+pub fn is_name(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_lowercase())
         && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
 /// How the name of an input or a parameter is written as a field of a use, where an underscore stands for a hyphen: `eye_step`.
-pub(crate) fn field_of(name: &str) -> String {
+pub fn field_of(name: &str) -> String {
     name.replace('-', "_")
 }
 
 /// The name that a field stands for: `eye-step`.
-pub(crate) fn name_of(field: &str) -> String {
+pub fn name_of(field: &str) -> String {
     field.replace('_', "-")
 }
 

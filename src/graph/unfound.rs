@@ -105,7 +105,7 @@ pub(super) fn elements(each: &str, count: usize) -> String {
 
 impl Graph {
     /// A message of one line about a name of what is not there: how many elements there are, or what may have been meant.
-    pub(crate) fn unknown(&self, what: &str, name: &str, listed: &str, known: &[&str]) -> String {
+    pub fn unknown(&self, what: &str, name: &str, listed: &str, known: &[&str]) -> String {
         let message = format!("the graph has no {what} `{name}`");
         match self.counted_too_far(name) {
             Some(count) => format!("{message}: {count}"),
@@ -114,7 +114,7 @@ impl Graph {
     }
 
     /// What may have been meant by the name of a value that is not there, in words.
-    pub(crate) fn value_meant(&self, name: &str) -> String {
+    pub fn value_meant(&self, name: &str) -> String {
         if let Some(count) = self.counted_too_far(name) {
             return count;
         }

@@ -19,7 +19,7 @@ struct Unknown(Option<Problem>);
 /// What such a node answers when it is asked for its values: what the check tells of it.
 #[derive(Debug, thiserror::Error)]
 #[error("no pack has a node of this type")]
-pub(crate) struct UnknownType(pub(crate) Option<Problem>);
+pub struct UnknownType(pub Option<Problem>);
 
 impl AnyNode for Unknown {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {

@@ -6,12 +6,12 @@ use serde_json::Value as Json;
 use super::{declaration, definition, each, expectation, expression, patch, top};
 
 /// A word of the language of graphs.
-pub(crate) struct Word {
+pub struct Word {
     /// The topic that explains it.
-    pub(crate) topic: &'static str,
+    pub topic: &'static str,
     /// In which call or field it stands; empty if anywhere.
-    pub(crate) within: String,
-    pub(crate) name: String,
+    pub within: String,
+    pub name: String,
 }
 
 /// The words that stand in one call or field.
@@ -25,7 +25,7 @@ pub(crate) fn words_in<'a>(
 }
 
 /// The choices of a type, which stand in one field, and their fields, as its schema has them.
-pub(crate) fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
+pub fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let mut words = Vec::new();
     for (name, content) in variants(schema) {
         words.extend(words_in(topic, within, [name]));
@@ -36,13 +36,13 @@ pub(crate) fn words_of_choices(topic: &'static str, within: &str, schema: &Json)
 }
 
 /// The fields of a type, which stand in one call or field.
-pub(crate) fn words_of_fields(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
+pub fn words_of_fields(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let fields = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
     words_in(topic, within, fields.map(|(name, _)| &name[..]))
 }
 
 /// The words of graphs and patches.
-pub(crate) fn words() -> Vec<Word> {
+pub fn words() -> Vec<Word> {
     let mut words = words_in("graph", "Graph", top::FIELDS);
     words.extend(words_in("graph", "inputs", definition::INPUT_FIELDS));
     words.extend(words_in("params", "params", declaration::TYPES));

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use expect_test::expect_file;
+use maquette_graph::Word;
 use maquette_syntax::{Body, Kind, Tree, parse};
 
 use super::*;
-use crate::graph::Word;
 
 #[test]
 fn every_file_of_the_folder_is_a_topic() {
@@ -65,9 +65,9 @@ type Use = (Vec<String>, String);
 
 #[test]
 fn every_word_of_the_language_has_a_sentence_and_a_sample() {
-    let own = |topic: &&Topic| crate::graph::words().iter().any(|word| word.topic == topic.name);
+    let own = |topic: &&Topic| maquette_graph::words().iter().any(|word| word.topic == topic.name);
     let mut lacking = Vec::new();
-    let words = crate::graph::words().into_iter().chain(crate::golden::words());
+    let words = maquette_graph::words().into_iter().chain(crate::golden::words());
     let words = words.chain(crate::batch::words());
     for word in words {
         let is_home = |topic: &&Topic| topic.name == word.topic || !own(topic);

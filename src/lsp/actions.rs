@@ -1,6 +1,7 @@
 //! What an editor offers to do at a place: mend a problem, mend all, look at a node.
 
 use gen_lsp_types::{CodeActionParams, CodeActionTriggerKind};
+use maquette_edit::real;
 use maquette_syntax::error::Problem;
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
@@ -9,7 +10,6 @@ use super::checker::diagnostic;
 use super::outline::{self, Symbol};
 use super::project::Texts;
 use super::{Refused, Server, Subject};
-use crate::graph::{Graph, real};
 use crate::suite::FileKind;
 
 impl Server {
@@ -59,7 +59,7 @@ impl Server {
         let is_all = asked.context.only.as_ref().is_some_and(|_| wants("source.fixAll"));
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =
-                Graph::fixed(&subject.path, text, &self.catalog, &subject.options);
+                maquette_edit::fixed(&subject.path, text, &self.catalog, &subject.options);
             if !problems.is_empty() {
                 let edits = self.edits(&Texts::from([(subject.path.clone(), mended)]));
                 let title = "Put right all that has one answer";

@@ -10,6 +10,8 @@ use gen_lsp_types::{
     DocumentSymbolParams, FoldingRangeParams, HoverParams, InlayHintParams, PrepareRenameParams,
     ReferenceParams, RenameParams, SemanticTokensParams, TextDocumentPositionParams, Uri,
 };
+use maquette_edit::Symbol;
+use maquette_graph::name_of;
 use maquette_syntax::error::Span;
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
@@ -19,7 +21,6 @@ use super::outline::{self, MEANINGS, Meaning};
 use super::place::Lines;
 use super::project::{Found, Texts};
 use super::{Refused, Server, Subject, read};
-use crate::graph::{Graph, Symbol, name_of};
 
 /// Most clients show no more colors or lenses of one text.
 const MOST: usize = 2_000;
@@ -110,7 +111,7 @@ impl Server {
             "textDocument/formatting" => {
                 let asked: DocumentFormattingParams = read(params)?;
                 self.of(&asked.text_document.uri, |_, subject| {
-                    let formatted = Graph::formatted(&subject.path, subject.lines.text());
+                    let formatted = maquette_edit::formatted(&subject.path, subject.lines.text());
                     // What is wrong is told anyway.
                     let edit = formatted.ok().and_then(|text| subject.lines.difference(&text));
                     Ok(json!(Vec::from_iter(edit)))

@@ -9,13 +9,14 @@ use std::thread::JoinHandle;
 
 use gen_lsp_types::Uri;
 use lsp_server::{Message, Notification};
+use maquette_edit::real;
+use maquette_graph::Options;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity, Span, code};
 use serde_json::{Value as Json, json};
 
 use super::Client;
 use super::place::{Lines, uri_of};
-use crate::catalog::Catalog;
-use crate::graph::{Options, real};
 use crate::suite::FileKind;
 
 /// A text that is open and one of ours.

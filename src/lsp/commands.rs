@@ -9,6 +9,7 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
+use maquette_edit::real;
 use maquette_syntax::error::Span;
 use maquette_syntax::paths::project_root;
 use maquette_value::plain::read_text;
@@ -16,7 +17,7 @@ use serde_json::{Value as Json, json};
 
 use super::checker::{Job, OfFiles};
 use super::place::{Lines, path_of};
-use super::{Client, Server, real};
+use super::{Client, Server};
 
 /// The commands, as editors name them.
 pub(super) const COMMANDS: [&str; 5] =

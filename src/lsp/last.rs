@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
+use maquette_graph::Graph;
+
 use super::slot::takes;
 use crate::eval::Remembered;
-use crate::graph::Graph;
 use crate::session::Session;
 
 /// What is known of a graph's last evaluation.

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::OnceLock;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Expectation, Graph, Options, Word, words};
 use maquette_syntax::inside;
 use maquette_syntax::paths::without_dots;
 use serde_json::{Value as Json, json};
@@ -13,9 +15,7 @@ use serde_json::{Value as Json, json};
 use super::scope::Scope;
 use super::slot::{FieldOf, Keys, Slot, fields_of, slot_of};
 use crate::batch;
-use crate::catalog::Catalog;
 use crate::golden;
-use crate::graph::{Expectation, Graph, Options, Word, words};
 use crate::language::TOPICS;
 
 /// A type of nodes: built in, or a graph.

@@ -4,15 +4,14 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_edit::{Named, NamesOf, Symbol, SymbolSort, real};
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Options, field_of, is_name, is_type_name};
 use maquette_syntax::error::{Problem, Severity, Span};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{Passed, each_word};
 
-use crate::catalog::Catalog;
 use crate::golden::case;
-use crate::graph::{
-    Graph, Named, NamesOf, Options, Symbol, SymbolSort, field_of, is_name, is_type_name, real,
-};
 use crate::suite::FileKind;
 
 /// Folders deeper than this are not looked into.
@@ -197,14 +196,14 @@ impl Project {
 
 fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
     match FileKind::of(path, text) {
-        FileKind::Graph => Graph::names_in(path, text, catalog, options),
+        FileKind::Graph => maquette_edit::names_in(path, text, catalog, options),
         FileKind::Test => match case::read_text(path, text.to_owned(), catalog) {
             (Some(test), problems) if problems.is_empty() => {
-                Graph::names_in_test(text, &test.graphs, catalog, options)
+                maquette_edit::names_in_test(text, &test.graphs, catalog, options)
             }
             _ => NamesOf::default(),
         },
-        FileKind::Sweep => Graph::names_in_sweep(path, text, catalog, options),
+        FileKind::Sweep => maquette_edit::names_in_sweep(path, text, catalog, options),
         FileKind::Handles => NamesOf::default(),
     }
 }

@@ -2,6 +2,7 @@
 //! chosen, if the editor can ask then.
 
 use gen_lsp_types::Uri;
+use maquette_edit::{Extracted, Extraction};
 use maquette_syntax::error::Problem;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
@@ -9,7 +10,6 @@ use serde_json::{Value as Json, json};
 use super::outline::Symbol;
 use super::project::Texts;
 use super::{Refused, Server, Subject};
-use crate::graph::{Extracted, Extraction, Graph};
 
 /// What is done to which nodes.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -93,12 +93,12 @@ impl Server {
         Ok(match refactor {
             Refactor::Extract { nodes, .. } => {
                 let extraction = Extraction { nodes, ..Extraction::default() };
-                let done = Graph::extract(path, text, &extraction, catalog, options)?;
+                let done = maquette_edit::extract(path, text, &extraction, catalog, options)?;
                 let Extracted { edited, path: new, text: file, .. } = done;
                 Texts::from([(path.clone(), edited.text), (new, file)])
             }
             Refactor::Inline { node, .. } => {
-                let edited = Graph::inline(path, text, &node, catalog, options)?;
+                let edited = maquette_edit::inline(path, text, &node, catalog, options)?;
                 Texts::from([(path.clone(), edited.text)])
             }
         })

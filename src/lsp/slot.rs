@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::rc::Rc;
 
+use maquette_graph::catalog::{describe_default, describe_parameter};
 use maquette_syntax::{Frame, inside, resolve, unit_names, variants};
 use serde_json::Value as Json;
 
 use super::library::Library;
 use super::scope::Scope;
-use crate::catalog::{describe_default, describe_parameter};
 
 /// What may stand as a value at a place.
 #[derive(Clone)]

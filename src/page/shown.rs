@@ -7,12 +7,12 @@ use std::sync::{Arc, OnceLock};
 
 use axum::body::Bytes;
 use bytemuck::NoUninit;
+use maquette_graph::{Asked, Broken};
 use maquette_render::{Field, Ground, Look, Ruler, Shape, Shapes, fitted, picture, picture_of};
 use maquette_value::{AnyValue, Axes, Column, Hash, Image, Layer, Picture, Series, hash_of};
 use serde_json::{Value as Json, json};
 
 use super::pick::Pickable;
-use crate::graph::{Asked, Broken};
 
 /// The longest side of a picture that every graphics card takes.
 const MOST_PIXELS: usize = 8192;

@@ -33,12 +33,12 @@ pub struct Below<'a> {
 #[derive(Clone)]
 pub struct Ground {
     /// An [`Image`].
-    pub(crate) image: maquette_value::AnyValue,
-    pub(crate) registration: Option<Registration>,
+    pub image: maquette_value::AnyValue,
+    pub registration: Option<Registration>,
 }
 
 impl Ground {
-    pub(crate) fn below(&self) -> Option<Below<'_>> {
+    pub fn below(&self) -> Option<Below<'_>> {
         self.image.get().map(|image| Below { image, registration: self.registration })
     }
 }

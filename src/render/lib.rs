@@ -13,6 +13,8 @@
 //! Begin reading in `view.rs`, then `scene.rs` and `raster.rs`; `shapes.rs` prepares the same for a graphics card. This crate knows
 //! values and formats of pictures, but no graph.
 
+#![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
+
 mod camera;
 mod draw;
 mod flat;
@@ -32,6 +34,6 @@ pub use draw::{picture, render};
 pub use flat::{Below, Ground, fitted, picture_of};
 pub use picture::PACK;
 pub(crate) use sampling::{BAND, SAMPLES, each, four, padded};
-pub use shapes::{Ruler, Shape, Shapes};
+pub use shapes::{Field, Ruler, Shape, Shapes};
 pub use solid::render_layers;
 pub use view::{Aim, Kind, Look, Projection, View};

@@ -17,7 +17,7 @@ use super::solid::meshes_of;
 mod after;
 mod fields;
 
-pub(crate) use fields::Field;
+pub use fields::Field;
 use fields::fields_of;
 
 /// Triangles that one task looks at.
@@ -29,19 +29,19 @@ const NONE: u32 = u32::MAX;
 /// All that a value shows in space.
 pub struct Shapes {
     /// Which way its axes go.
-    pub(crate) axes: Axes,
-    pub(crate) ruler: Ruler,
+    pub axes: Axes,
+    pub ruler: Ruler,
     /// Its faces, each mesh by itself, then the solids of points, lines and arrows.
-    pub(crate) shapes: Vec<Arc<Shape>>,
+    pub shapes: Vec<Arc<Shape>>,
 }
 
 /// How places are measured.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Ruler {
     /// From where, in mm.
-    pub(crate) center: Point3<f64>,
+    pub center: Point3<f64>,
     /// The unit, in mm.
-    pub(crate) scale: f64,
+    pub scale: f64,
 }
 
 /// One mesh.
@@ -49,16 +49,16 @@ pub struct Shape {
     mesh: Mesh,
     ruler: Ruler,
     /// Whether it is made of points, lines and arrows.
-    pub(crate) is_solid: bool,
-    pub(crate) places: Column<[f32; 3]>,
+    pub is_solid: bool,
+    pub places: Column<[f32; 3]>,
     /// Three numbers of ten bits, -511 to 511 for -1 to 1, from the lowest bit on.
-    pub(crate) normals: Column<u32>,
+    pub normals: Column<u32>,
     /// sRGB, and 255.
-    pub(crate) colors: Option<Column<[u8; 4]>>,
+    pub colors: Option<Column<[u8; 4]>>,
     /// From the lower left corner of the texture.
-    pub(crate) uv: Option<Column<[f32; 2]>>,
-    pub(crate) triangles: Column<[u32; 3]>,
-    pub(crate) fields: Arc<[Field]>,
+    pub uv: Option<Column<[f32; 2]>>,
+    pub triangles: Column<[u32; 3]>,
+    pub fields: Arc<[Field]>,
     /// The vertex of the mesh of each vertex here.
     origins: Column<u32>,
     /// The normals of the mesh's vertices, if they were computed.
@@ -79,7 +79,7 @@ struct Leaning {
 
 impl Shapes {
     /// Nothing if none of it lies in space. What was shown `before` in the same place is a start.
-    pub(crate) fn of(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
+    pub fn of(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
         let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.known_bounds());
         let (low, high) = bounds.reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
@@ -161,18 +161,18 @@ impl Shape {
     }
 
     /// How much memory it holds beside the mesh and what is shown of it, in bytes.
-    pub(crate) fn size(&self) -> usize {
+    pub fn size(&self) -> usize {
         let computed = self.computed.as_ref().map_or(0, Column::size);
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
     /// The picture on it.
-    pub(crate) fn texture(&self) -> Option<&Image> {
+    pub fn texture(&self) -> Option<&Image> {
         self.mesh.texture().filter(|_| self.uv.is_some())
     }
 
     /// Its edges, without those that only divide faces of many corners into triangles.
-    pub(crate) fn edges(&self) -> Vec<[u32; 2]> {
+    pub fn edges(&self) -> Vec<[u32; 2]> {
         let mut place = vec![NONE; self.mesh.positions().len()];
         for (k, &vertex) in self.origins.iter().enumerate().rev() {
             place[vertex as usize] = k as u32;
@@ -182,12 +182,12 @@ impl Shape {
     }
 
     /// Whether its vertices have parameters, as those of surfaces do.
-    pub(crate) fn has_parameters(&self) -> bool {
+    pub fn has_parameters(&self) -> bool {
         self.mesh.vertex().pairs("uv").is_some()
     }
 
     /// The parameters of each vertex.
-    pub(crate) fn parameters(&self) -> Option<Vec<[f32; 2]>> {
+    pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
         let pair = |&vertex: &u32| uv[vertex as usize].map(|x| x as f32);
         Some(self.origins.iter().map(pair).collect())

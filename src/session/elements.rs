@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use maquette_graph::{Count, Counts, Graph, Loop, OtherCount};
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
 
 use super::{Session, Wanted};
 use crate::eval::Observer;
 use crate::golden;
-use crate::graph::{Count, Counts, Graph, Loop, OtherCount};
 
 /// The counts that a session found last, by the file of the graph.
 pub(super) type Known = BTreeMap<PathBuf, Counts>;

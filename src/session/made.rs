@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::Graph;
+use maquette_graph::files::{KnownFile, NodeFile, Reads};
 use maquette_syntax::paths::{project_root, within};
 use maquette_value::Hash;
 
 use super::Session;
 use super::provenance::Teller;
 use crate::eval::Disk;
-use crate::files::{KnownFile, NodeFile, Reads};
-use crate::graph::Graph;
 
 /// The files that a graph reads.
 #[derive(Default)]

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::stamp::Stamp;
+use maquette_graph::{Graph, GraphOutput};
 use maquette_node::CancelToken;
 use maquette_node::pack::{Content, Kept, NewFile, Pieces};
 use maquette_node::provenance::Signature;
@@ -18,10 +21,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::provenance::Teller;
-use crate::catalog::Catalog;
 use crate::eval::{Evaluation, Evaluator, or_panic};
-use crate::graph::{Graph, GraphOutput};
-use crate::stamp::Stamp;
 use crate::writing::{Destination, Last, Refused, Rewritten, Sources, Spare, write_at};
 
 /// A file of an output that is on disk now.
@@ -439,7 +439,7 @@ fn holds(path: &Path, bytes: &[u8]) -> Option<Left> {
     (same_length && bytes.len() < LARGE && same()).then_some(found)
 }
 
-/// Writes the files of a value, as [`Catalog::write`](crate::Catalog::write) gives them, beside each other to where `path` is: each whole
+/// Writes the files of a value, as [`Catalog::write`](maquette_graph::catalog::Catalog::write) gives them, beside each other to where `path` is: each whole
 /// or not at all, none if one may not be written, and only plain files are replaced. Gives their paths.
 ///
 /// # Errors

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use maquette_graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
 use maquette_syntax::error::{Problem, code};
 
 use super::Finished;
-use crate::graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
 use crate::writing::{
     Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,
 };

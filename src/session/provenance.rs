@@ -2,13 +2,12 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, GraphOutput, INPUT, PINNED};
 use maquette_node::provenance::{Provenance, Signature, short};
 use maquette_syntax::paths::{folder_of_new, project_root, within};
 use maquette_value::Hash;
 use serde_json::Value as Json;
-
-use crate::catalog::Catalog;
-use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
 
 /// Tells of the outputs of a graph.
 pub(crate) struct Teller<'a> {

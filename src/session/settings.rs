@@ -3,7 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::catalog::Catalog;
+use maquette_graph::catalog::Catalog;
+
 use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 
 /// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.

@@ -3,13 +3,13 @@
 
 use std::collections::HashSet;
 
+use maquette_graph::{Expected, Graph};
 use maquette_node::CancelToken;
 use maquette_value::{AnyValue, Hash};
 
 use super::Session;
 use crate::eval::Evaluation;
 use crate::golden::{self, Violation};
-use crate::graph::{Expected, Graph};
 
 /// So many verdicts are kept of a graph, beside as many as it has expectations.
 const MOST: usize = 1000;

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use maquette_format::handles;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, InputValues, Options};
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
 use maquette_syntax::first_word;
 use maquette_value::HandleSpace;
 
 use crate::batch;
-use crate::catalog::Catalog;
 use crate::golden::case::{self, TestFile};
-use crate::graph::{Graph, InputValues, Options};
 
 /// What the `.ron` files of a project are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

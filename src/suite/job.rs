@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use maquette_graph::{Expected, Graph, GraphOutput, Options};
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::AnyValue;
 
@@ -14,7 +15,6 @@ use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
 use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
-use crate::graph::{Expected, Graph, GraphOutput, Options};
 use crate::session::{Finished, Run, Session, Wanted};
 use crate::writing::{self, Sources};
 

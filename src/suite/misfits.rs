@@ -1,10 +1,10 @@
 //! What of a test does not fit the graph that it is about: known without running anything.
 
+use maquette_graph::{Checked, Expectation, Graph};
 use maquette_syntax::error::{Problem, Severity, Span, code};
 use maquette_syntax::{Kind, Tree, nearest_or_all, parse, with_article};
 
 use crate::golden::case::TestFile;
-use crate::graph::{Checked, Expectation, Graph};
 
 impl TestFile {
     /// An error in the file.

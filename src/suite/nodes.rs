@@ -1,10 +1,10 @@
 //! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
 
+use maquette_graph::{Graph, Link, in_short, parameter_difference, parameter_name};
 use maquette_syntax::{FILE, with_article};
 use serde_json::Value as Json;
 
 use crate::eval::RunTrace;
-use crate::graph::{Graph, Link, in_short, parameter_difference, parameter_name};
 
 /// Begins the line of a warning, among those of the nodes.
 const WARNING: &str = "warning  ";

@@ -1,26 +1,31 @@
 //! The topology of a mesh in numbers, and its size.
 
-use maquette_value::Mesh;
 use nalgebra::Point3;
+
+use super::Mesh;
 
 /// The topology of a mesh in numbers, which must be equal before any position is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Topology {
-    pub(crate) vertices: usize,
-    pub(crate) edges: usize,
-    pub(crate) faces: usize,
+pub struct Topology {
+    /// Vertices, those without faces included.
+    pub vertices: usize,
+    /// Edges.
+    pub edges: usize,
+    /// Faces.
+    pub faces: usize,
     /// Components of faces that are connected by vertices.
-    pub(crate) components: usize,
+    pub components: usize,
     /// Edges of one face.
-    pub(crate) boundary: usize,
+    pub boundary: usize,
     /// Edges of more than two faces.
-    pub(crate) non_manifold: usize,
+    pub non_manifold: usize,
     /// Edges whose faces run through them in the same direction.
-    pub(crate) misoriented: usize,
+    pub misoriented: usize,
 }
 
 impl Topology {
-    pub(crate) fn of(mesh: &Mesh) -> Self {
+    /// That of a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
         let (edges, components) = rayon::join(|| mesh.edges(), || components(mesh));
         let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
         Self {
@@ -35,12 +40,12 @@ impl Topology {
     }
 
     /// Vertices - edges + faces.
-    pub(crate) fn euler(&self) -> i64 {
+    pub fn euler(&self) -> i64 {
         self.vertices as i64 - self.edges as i64 + self.faces as i64
     }
 
     /// Its numbers with their names.
-    pub(crate) fn facts(&self) -> [(&'static str, i64); 8] {
+    pub fn facts(&self) -> [(&'static str, i64); 8] {
         [
             ("vertices", self.vertices as i64),
             ("edges", self.edges as i64),
@@ -78,16 +83,50 @@ fn components(mesh: &Mesh) -> usize {
     (0..parents.len()).filter(is_root).count()
 }
 
+/// Closed chains of edges with one face.
+pub fn border_loops(mesh: &Mesh) -> usize {
+    let border = border(mesh);
+    let mut vertices: Vec<u32> = border.iter().flatten().copied().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let index = |vertex: &u32| vertices.binary_search(vertex).unwrap_or(0);
+    let mut leaders: Vec<usize> = (0..vertices.len()).collect();
+    fn leader(leaders: &mut [usize], mut of: usize) -> usize {
+        while leaders[of] != of {
+            leaders[of] = leaders[leaders[of]];
+            of = leaders[of];
+        }
+        of
+    }
+    for edge in &border {
+        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end])));
+        leaders[a.max(b)] = a.min(b);
+    }
+    (0..leaders.len()).filter(|&at| leaders[at] == at).count()
+}
+
+/// The edges with one face.
+pub fn border(mesh: &Mesh) -> Vec<[u32; 2]> {
+    let edges = mesh.edges();
+    let alone = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+    alone.map(|(edge, _)| *edge).collect()
+}
+
 /// Area, volume (of a closed mesh), and the shortest and longest edge.
-pub(crate) struct Extent {
-    pub(crate) area: f64,
-    pub(crate) volume: f64,
-    pub(crate) shortest: f64,
-    pub(crate) longest: f64,
+pub struct Extent {
+    /// Area, in mm².
+    pub area: f64,
+    /// Volume, in mm³: what it means only of a closed mesh.
+    pub volume: f64,
+    /// The shortest edge, in mm; infinite if there is none.
+    pub shortest: f64,
+    /// The longest edge, in mm.
+    pub longest: f64,
 }
 
 impl Extent {
-    pub(crate) fn of(mesh: &Mesh) -> Self {
+    /// That of a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
         let middle =
             mesh.bounds().map_or(Point3::origin(), |(low, high)| nalgebra::center(&low, &high));
         let mut extent = Self { area: 0.0, volume: 0.0, shortest: f64::INFINITY, longest: 0.0 };

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::{Checked, Graph};
 use maquette_syntax::paths::{MARKER, folder_of_new};
-
-use crate::graph::{Checked, Graph};
 
 const TEXT: &str = "the graph is made of this file";
 const READ: &str = "the graph reads this file";

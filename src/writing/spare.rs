@@ -13,9 +13,8 @@ use std::fs::{File, Metadata};
 use std::io;
 use std::path::Path;
 
+use maquette_graph::stamp::Stamp;
 use tempfile::NamedTempFile;
-
-use crate::stamp::Stamp;
 
 /// A file that has been replaced, and what is known of its content. It goes when it is dropped.
 pub(crate) struct Spare<T> {

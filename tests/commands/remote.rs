@@ -7,7 +7,6 @@ use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
-
 use server::{Mode, Server};
 
 mod server;

@@ -5,12 +5,13 @@
 //!
 //! `SEQUENCES` says how many sequences there are, `SEED` which; a failure prints what was done.
 
-use maquette::random::Random;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant, SystemTime};
+
+use maquette::random::Random;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 

@@ -99,10 +99,17 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
     };
     workspace.append("a/src/lib.rs", "// More.");
     let ids = changes_both("a source of `a`", [a, b]);
-    // Nothing else about this program matters to the libraries beneath it.
+    // Nothing about another program matters to the libraries beneath it, though the lock file names it.
     let manifest = fs::read_to_string(workspace.path("two/Cargo.toml")).unwrap();
     workspace.write("two/Cargo.toml", &manifest.replace("1.0.0", "1.0.1"));
-    let ids = changes_both("the lock file", ids);
+    assert_eq!(workspace.ids("one"), ids);
+    // What tests alone need is no part of the code: its own id may be missing.
+    workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
+    workspace.write("c/src/lib.rs", "");
+    workspace.append("b/Cargo.toml", "\n[dev-dependencies]\nc.path = '../c'\n");
+    let [a, b] = workspace.ids("one");
+    assert!(a == ids[0] && b != ids[1] && is_id(&b), "{b}");
+    let ids = [a, b];
     workspace.append("Cargo.toml", "overflow-checks = false\n");
     changes_both("a profile", ids);
 }

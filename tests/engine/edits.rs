@@ -22,7 +22,7 @@ fn catalog() -> &'static Catalog {
 }
 
 fn edit(path: &Path, text: &str, edits: &[Edit]) -> Result<Edited, Vec<Problem>> {
-    Graph::edit(path, text, edits, catalog(), &Options::default())
+    maquette::edit::edit(path, text, edits, catalog(), &Options::default())
 }
 
 fn differences(path: &Path, old: &str, new: &str) -> Vec<Difference> {

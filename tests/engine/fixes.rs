@@ -76,7 +76,7 @@ fn fixed(text: &str) -> (String, Vec<String>) {
     std::fs::write(folder.path().join("doll.obj"), mesh).unwrap();
     let path = folder.path().join("graph.ron");
     std::fs::write(&path, text).unwrap();
-    let (fixed, mended) = Graph::fixed(&path, text, &catalog, &Options::default());
+    let (fixed, mended) = maquette::edit::fixed(&path, text, &catalog, &Options::default());
     (fixed, mended.into_iter().map(|problem| problem.message).collect())
 }
 

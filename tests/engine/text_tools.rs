@@ -69,7 +69,7 @@ fn comments(text: &str) -> Vec<&str> {
 }
 
 fn formatted(text: &str) -> Option<String> {
-    let form = Graph::formatted(Path::new("graph.ron"), text);
+    let form = maquette::edit::formatted(Path::new("graph.ron"), text);
     let is_fault = |problem: &Problem| problem.message.contains("canonical form");
     assert!(!form.as_ref().is_err_and(|problems| problems.iter().any(is_fault)), "{text}");
     form.ok()
@@ -83,7 +83,7 @@ fn differences(old: &str, new: &str) -> Vec<String> {
 
 /// That all that a tool may do with a text keeps what it must.
 fn check_text(text: &str, what: &str) {
-    assert_eq!(Graph::printed(text), text, "{what}");
+    assert_eq!(maquette::edit::printed(text), text, "{what}");
     let Some(form) = formatted(text) else { return };
     assert_eq!(formatted(&form).as_deref(), Some(&form[..]), "{what}: not idempotent");
     assert_eq!(differences(text, &form), [""; 0], "{what}");
@@ -258,7 +258,7 @@ fn set(text: &str, values: &[(&str, &str)]) -> Result<String, String> {
     let values: Vec<(String, String)> =
         values.iter().map(|&(target, value)| (target.to_owned(), value.to_owned())).collect();
     let path = Path::new("nowhere/graph.ron");
-    let edited = Graph::edited(path, text, &values, catalog(), &Options::default());
+    let edited = maquette::edit::edited(path, text, &values, catalog(), &Options::default());
     edited.map(|edited| edited.text).map_err(|problems| {
         let problem = &problems[0];
         format!("{} {} ({})", problem.code, problem.message, problem.help)
@@ -355,7 +355,8 @@ fn any_value_that_is_set_is_read_back_by_ron() {
     let run = runner.run(&edits(), |(target, way, value)| {
         let options = Options { files: maquette::Files::Ignored, ..Options::default() };
         let values = [(target.to_owned(), value.clone())];
-        let edited = Graph::edited(Path::new("graph.ron"), DOLL, &values, catalog(), &options);
+        let edited =
+            maquette::edit::edited(Path::new("graph.ron"), DOLL, &values, catalog(), &options);
         let text =
             edited.map_err(|problems| TestCaseError::fail(problems[0].message.clone()))?.text;
         let mut found = to_ron(&text);
@@ -456,7 +457,7 @@ fn setting_a_value_and_setting_it_back_gives_the_same_bytes() {
         ] {
             let put = |text: &str, value: &str| {
                 let set = [(target.to_owned(), value.to_owned())];
-                Graph::edited(&path, text, &set, catalog(), &Options::default())
+                maquette::edit::edited(&path, text, &set, catalog(), &Options::default())
             };
             let Ok(new) = put(&text, other) else { continue };
             let Some(before) = &new.changes[0].before else { continue };

@@ -90,7 +90,7 @@ impl Graph {
 
     /// The picture of the graph.
     fn svg(&self) -> String {
-        self.graph.to_svg(&CATALOG)
+        maquette::diagram::to_svg(&self.graph, &CATALOG)
     }
 
     /// Its text with values put into it, or the problems that these would make.
@@ -105,7 +105,7 @@ impl Graph {
         let options = Options { roots, texts, ..Options::default() };
         let edited = on_threads(py, || {
             let text = self.graph.source_text();
-            maquette::Graph::edited(&self.path, text, &values, &CATALOG, &options)
+            maquette::edit::edited(&self.path, text, &values, &CATALOG, &options)
         })?;
         match edited {
             Ok(edited) => Ok((Some(edited.text), PyList::empty(py))),

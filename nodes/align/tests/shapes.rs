@@ -1,7 +1,7 @@
 //! Surfaces to scan.
 
-use maquette_value::{Faces, Mesh};
 use maquette_scan::Scan;
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::moved::moved_scan;

@@ -7,11 +7,10 @@
 
 use std::collections::BTreeMap;
 
-use maquette_value::parallel::*;
-use maquette_node::{Cancelled, Progress};
-
 pub use dissection::{Dissection, Links};
 use front::Front;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 
 mod dissection;
 mod front;

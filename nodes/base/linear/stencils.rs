@@ -1,7 +1,7 @@
 //! Sparse matrices from old to new vertices.
 
-use maquette_value::parallel::*;
 use maquette_value::Column;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::mix::Mix;

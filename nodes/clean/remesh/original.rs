@@ -1,9 +1,9 @@
 //! The surface that is given new triangles: as triangles that know their neighbors, and as what new vertices are put on.
 
-use maquette_value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 use maquette_base::topology::union_find::UnionFind;
+use maquette_value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::net::{Kind, NONE, Net, next, previous};

@@ -1,8 +1,8 @@
 //! A low-pass filter on the vertices of a net.
 
-use maquette_value::parallel::*;
-use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 

@@ -1,5 +1,5 @@
-use maquette_value::random::Random;
 use maquette_value::Faces;
+use maquette_value::random::Random;
 use nalgebra::Vector3;
 
 use super::*;

@@ -1,7 +1,7 @@
 //! Why captures were not put on a mesh.
 
-use maquette_value::MeshError;
 use maquette_node::{Cancelled, TooMuch};
+use maquette_value::MeshError;
 
 use super::super::layout::LayoutError;
 

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
+use maquette_node::{Cancelled, Progress};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::atlas::Texels;

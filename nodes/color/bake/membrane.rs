@@ -1,9 +1,9 @@
 //! Values that change slowly over a surface.
 
-use maquette_value::Mesh;
-use maquette_node::{Cancelled, Progress};
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::Mesh;
 
 /// How the vertices of a mesh hang together, for values at them that are as smooth as they can be.
 pub(super) struct Membrane {

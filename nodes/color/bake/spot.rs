@@ -1,7 +1,7 @@
 //! The places of a surface that texels show.
 
-use maquette_value::parallel::*;
 use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::super::atlas::{Texel, Texels};

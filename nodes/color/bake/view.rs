@@ -3,9 +3,9 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use maquette_node::{Cancelled, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, TriangleTree};
-use maquette_node::{Cancelled, Progress};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::super::light::light_of;

@@ -1,9 +1,9 @@
 //! A piece of a surface that lies flat.
 
-use maquette_value::Mesh;
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
+use maquette_value::Mesh;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use super::segment::NONE;

@@ -3,10 +3,10 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
 
-use maquette_value::Mesh;
-use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::Mesh;
 use nalgebra::Vector3;
 
 /// No corner.

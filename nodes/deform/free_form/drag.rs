@@ -3,9 +3,10 @@
 //! A deformation is linear in its targets. What a unit step of one handle does to each point is a field of numbers that depends
 //! on the layout alone; a drag adds multiples of such fields to what the handles do at rest, without a single power.
 
-use maquette_value::{Column, Encoder, Handles};
+use maquette_mesh::Movable;
 use maquette_node::{Error, Progress};
 use maquette_value::Memo;
+use maquette_value::{Column, Encoder, Handles};
 use nalgebra::{Matrix3, Point3};
 
 use super::object::{bounds, points, rebuilt, wanted};
@@ -17,7 +18,6 @@ use crate::gaussian::field::{CHUNK, Wanted, field};
 use crate::gaussian::layout::{Layout, Prepared};
 use crate::gaussian::system::System;
 use crate::mode::Mode;
-use maquette_mesh::Movable;
 
 /// Fields that are kept together: as many as a point has coordinates, so that a group of them is computed like a deformation.
 const GROUP: usize = 3;

@@ -1,5 +1,6 @@
 //! What can be deformed, as points and back.
 
+use maquette_mesh::Movable;
 use maquette_value::parallel::*;
 use maquette_value::simd::{Kernel, widest};
 use maquette_value::{Attribute, Mesh, Points};
@@ -8,7 +9,6 @@ use nalgebra::{Point3, Vector3};
 use crate::FfdError;
 use crate::gaussian::field::{Field, Wanted, spread, turned};
 use crate::gaussian::layout::Bounds;
-use maquette_mesh::Movable;
 
 /// All points of an object.
 pub(crate) fn points(what: &Movable) -> &[Point3<f64>] {

@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use maquette_value::{Column, Handles};
+use maquette_mesh::Movable;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::{Column, Handles};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,6 @@ use crate::gaussian::field::{CHUNK, Field, Wanted, field};
 use crate::gaussian::layout::{Bounds, Prepared, prepare};
 use crate::gaussian::system::System;
 use crate::mode::Mode;
-use maquette_mesh::Movable;
 
 /// How an object is deformed, beside its handles and what these share out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use maquette_value::parallel::*;
-use maquette_value::{Column, Encoder};
 use maquette_node::Error;
 use maquette_value::Memo;
+use maquette_value::parallel::*;
+use maquette_value::{Column, Encoder};
 use nalgebra::{Point3, Vector3};
 
 use super::object::{Ends, around, ends_of};

@@ -1,10 +1,10 @@
 //! What is to be known of a deformation.
 
+use maquette_mesh::Movable;
 use maquette_node::Context;
 
 use super::object::points;
 use crate::gaussian::layout::Bounds;
-use maquette_mesh::Movable;
 
 /// What is to be known of a deformation.
 #[derive(Clone, Debug, PartialEq)]

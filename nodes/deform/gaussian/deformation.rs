@@ -12,7 +12,9 @@ use std::f64::consts::LN_2;
 use std::marker::PhantomData;
 
 use maquette_value::simd;
-use maquette_value::simd::{Fused, FusedKernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest_fused};
+use maquette_value::simd::{
+    Fused, FusedKernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest_fused,
+};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};

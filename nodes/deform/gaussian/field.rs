@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
+use maquette_node::{Cancelled, Progress};
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
-use maquette_node::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Where the points from a first one on go, and the derivatives there if they are wanted.

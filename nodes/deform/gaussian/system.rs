@@ -2,15 +2,15 @@
 //!
 //! With `M_ji` the share that handle i has of the place of handle j, the coefficients solve `M V = T`, one column per axis.
 
-use maquette_value::Encoder;
+use maquette_base::linear::lu::Lu;
 use maquette_node::Error;
+use maquette_value::Encoder;
 use maquette_value::Memo;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::Affine;
 use super::layout::Layout;
 use crate::{FfdError, Mode};
-use maquette_base::linear::lu::Lu;
 
 /// The factored system of a layout.
 ///

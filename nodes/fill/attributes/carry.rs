@@ -2,13 +2,13 @@
 
 use std::cell::OnceCell;
 
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 
 use crate::exemplar::{Copies, Sources};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
-use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// How the filled vertices are connected with each other and the data, and what they copy.
 pub(crate) struct Carry<'a> {

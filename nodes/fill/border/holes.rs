@@ -1,5 +1,6 @@
 //! Which rims of a mesh are holes, and which of these are chosen.
 
+use maquette_base::topology::union_find::UnionFind;
 use maquette_value::{Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -8,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::regions::{HoleRegion, cut};
 use super::rims::enclosed;
 use crate::triangles::triangulation::area_vector;
-use maquette_base::topology::union_find::UnionFind;
 
 /// Which holes are filled.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]

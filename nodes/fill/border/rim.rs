@@ -1,10 +1,10 @@
 //! The data around the holes that are filled: the one-rings of their rims' vertices.
 
+use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};
 
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
-use maquette_base::topology::lists::Lists;
 
 /// The one-ring of each vertex of some rims: the data's triangles around it.
 pub(crate) struct OneRings {

@@ -1,11 +1,11 @@
 //! The rims of a mesh: the boundary loops into which its border is cut, none of which visits a vertex twice.
 
+use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh};
 use nalgebra::Vector3;
 
 use crate::triangles::triangulation::{NONE, next, previous};
-use maquette_base::topology::lists::Lists;
 
 /// Places where a mesh is no surface, some of them.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,6 @@
 //! The smooth segments of the data around a hole, which meet in creases. Each is a plane or a paraboloid that continues into the hole.
 
+use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Point3, Vector3};
 
 use super::chart::Chart;
@@ -7,7 +8,6 @@ use super::segmentation::{Band, segment};
 use crate::border::rim::Rim;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
-use maquette_base::topology::union_find::UnionFind;
 
 /// Rows of faces around the rim that are segmented: with fewer a crease or a plane is found by chance, with more a segment that bends
 /// farther out is no plane any more.

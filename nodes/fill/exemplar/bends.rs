@@ -7,12 +7,12 @@
 //! Ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, there for the values of pixels. Angles and
 //! their gradients: Grinspun, Hirani, Desbrun and Schröder, "Discrete shells" (2003).
 
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;
 use super::surface::{NONE, Surface};
-use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// How strongly vertices stay where they are, over the squared length of the data's edges: with 1, to move by an edge counts as much as an
 /// angle that is off by a radian. With a fifth of it, crests over curls become spikes.

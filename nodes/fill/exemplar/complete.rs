@@ -1,7 +1,7 @@
 //! The completion with the improvements over the publication.
 
-use maquette_value::TraceStep;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::TraceStep;
 
 use super::cells;
 use super::completion::{Completed, Completion, Copies, FEWEST, Given, areas, distances};

@@ -1,7 +1,7 @@
 //! What a completion starts from, works with and gives.
 
-use maquette_value::TraceStep;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::TraceStep;
 use nalgebra::{Point3, Vector3};
 
 use super::detail::Detail;

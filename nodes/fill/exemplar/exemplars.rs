@@ -1,7 +1,7 @@
 //! The exemplars, of which the missing surface is made: the surroundings of data vertices, as height fields.
 
-use maquette_value::parallel::*;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;

@@ -1,7 +1,7 @@
 //! One level: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats.
 
-use maquette_value::parallel::*;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;

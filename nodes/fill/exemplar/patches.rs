@@ -1,10 +1,10 @@
 //! The patches of a level: which points are compared, and which of them move.
 
+use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{Marks, NONE, Surface};
-use maquette_base::topology::lists::Lists;
 
 /// The lengths that the patches of a level have.
 #[derive(Clone, Copy)]

@@ -1,10 +1,10 @@
 //! How rough a part of a surface is.
 
+use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{NONE, Surface};
-use maquette_base::topology::lists::Lists;
 
 /// Measures how rough a part of a surface is.
 pub(super) struct Roughness<'a> {

@@ -1,8 +1,9 @@
 //! The error of thin plates, measured by filling exemplars, whose middles are known.
 
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
+
 use super::exemplars::Exemplars;
 use super::heights::{NODES, SIDE};
-use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// Exemplars that are tried.
 const MOST: usize = 512;

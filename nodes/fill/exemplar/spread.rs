@@ -1,9 +1,9 @@
 //! Thin plates over the missing part; the data do not move.
 
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use nalgebra::{Point3, Vector3};
 
 use super::surface::Surface;
-use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// The equations of a plate: the sum of the squares of the Laplacians at the missing vertices and at the rim, and of the motions of
 /// held vertices.

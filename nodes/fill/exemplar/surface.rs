@@ -3,9 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use nalgebra::{Point3, Vector3};
-
 use maquette_base::topology::lists::Lists;
+use nalgebra::{Point3, Vector3};
 
 /// In place of a face or vertex that does not exist.
 pub(super) const NONE: u32 = u32::MAX;

@@ -1,7 +1,7 @@
 //! Where filled triangles intersect each other or the data, decided by exact predicates.
 
-use maquette_value::parallel::*;
 use maquette_node::{Limit, Progress};
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 

@@ -1,7 +1,7 @@
 //! Repairs or replaces fills whose triangles intersect each other or the data.
 
-use maquette_value::parallel::*;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 
 use super::boxes::Triangle;
 use super::detect::Intersections;

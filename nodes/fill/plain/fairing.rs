@@ -5,13 +5,13 @@
 //! whose curvature varies evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design"
 //! (2001).
 
+use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use maquette_base::topology::lists::Lists;
 use maquette_node::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, area_vector};
-use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
-use maquette_base::topology::lists::Lists;
 
 /// Which energy is minimized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The parts of a mesh whose faces can agree on a side.
 
-use maquette_value::Mesh;
 use maquette_base::topology::lists::Lists;
+use maquette_value::Mesh;
 use thiserror::Error;
 
 /// A part like a Moebius strip.

@@ -1,9 +1,9 @@
 //! Which side of a part is its outside.
 
-use maquette_value::parallel::*;
-use maquette_value::Mesh;
 use maquette_base::solid_angle::half_solid_angle;
 use maquette_base::topology::lists::Lists;
+use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::sheets::Sheets;

@@ -1,10 +1,10 @@
 //! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
 
+use maquette_subdivision::Scattered;
 use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use crate::painted_colors::painted_colors;
-use maquette_subdivision::Scattered;
 
 /// Points of several sources in one frame.
 #[derive(Clone, Debug, Default)]

@@ -7,8 +7,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette_value::parallel::*;
 use maquette_node::{Cancelled, Limit, Progress};
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::cells::{CellIndex, Places};

@@ -8,12 +8,12 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use maquette_value::parallel::*;
+use maquette_base::topology::lists::Lists;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::Vector3;
 
 use super::surfels::{Pyramid, Surfel, place};
-use maquette_base::topology::lists::Lists;
 
 /// Turns the normals of all surfels outwards: from those whose side is known; of other parts, so that they are outside where the
 /// part reaches farthest.

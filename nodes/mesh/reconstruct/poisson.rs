@@ -10,13 +10,13 @@
 //! Notation: `h` is the edge of a cell, `B_i` the trilinear function of node `i`, `K_ij` the integral of the product of the
 //! gradients of `B_i` and `B_j`.
 
-use maquette_value::parallel::*;
+use maquette_base::topology::lists::Lists;
 use maquette_node::{Cancelled, Limit, Progress, TooMuch};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::cells::{CellIndex, Cube, Places, bell, corner_weights};
 use super::surfels::{Pyramid, Surfel};
-use maquette_base::topology::lists::Lists;
 
 /// The value at the surface.
 pub(super) const SURFACE: f64 = 0.5;

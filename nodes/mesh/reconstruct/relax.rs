@@ -1,14 +1,14 @@
 //! Relaxes the reconstructed mesh along the surface, and drops components that the points do not support.
 
-use maquette_value::parallel::*;
+use maquette_base::topology::lists::Lists;
+use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::contour::Skin;
 use super::poisson::{Field, SURFACE};
 use super::surfels::{Pyramid, Surfel, place};
-use maquette_base::topology::lists::Lists;
-use maquette_base::topology::union_find::UnionFind;
 
 /// Rounds of moving each vertex towards the middle of its neighbors. After 4, edges are still as the grid cut them; after 12 nothing
 /// is gained.

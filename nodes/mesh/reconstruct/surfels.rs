@@ -4,9 +4,9 @@
 //! reconstruction from unorganized points" (1992), section 3.1. Neighborhoods are not the k nearest points but weighted by a
 //! B-spline on sums over cells, so that any size costs the same, and so large that noise does not hide the plane.
 
-use maquette_value::parallel::*;
-use maquette_value::Rgb;
 use maquette_node::{Cancelled, Progress};
+use maquette_value::Rgb;
+use maquette_value::parallel::*;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::cells::{CellIndex, Cube, Places, bell};

@@ -1,8 +1,9 @@
 //! Tests of `blend`.
 
+use maquette_node::Progress;
+use maquette_range::triangulate;
 use maquette_value as value;
 use maquette_value::Pinhole;
-use maquette_node::Progress;
 use maquette_value::hash_of;
 use nalgebra::Unit;
 
@@ -13,7 +14,6 @@ use super::super::offset_net::{OffsetStep, offset_net};
 use super::*;
 use crate::grid::distance::from_border;
 use crate::net::profile::Profile;
-use maquette_range::triangulate;
 
 const ALL_MODES: [BlendMode; 3] =
     [BlendMode::Displacement, BlendMode::Replace, BlendMode::Feather { band: 3.0 }];

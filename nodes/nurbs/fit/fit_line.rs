@@ -1,10 +1,9 @@
 //! B-spline curves through or near points with given parameters: one direction of a fitted surface.
 
-use maquette_value::KnotVector;
-use maquette_node::{Cancelled, Progress};
-use nalgebra::Vector3;
-
 use maquette_base::linear::banded::{Banded, Factors};
+use maquette_node::{Cancelled, Progress};
+use maquette_value::KnotVector;
+use nalgebra::Vector3;
 
 /// A fit of lines of points that all have the same parameters.
 pub(crate) struct LineFit {

@@ -1,9 +1,9 @@
 //! The control points of a fitted surface, one direction after the other, and how far it misses the points.
 
-use maquette_value::parallel::*;
-use maquette_value as value;
-use maquette_value::{Along, KnotVector, Surface, Trace, TraceStep};
 use maquette_node::{Cancelled, Progress};
+use maquette_value as value;
+use maquette_value::parallel::*;
+use maquette_value::{Along, KnotVector, Surface, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
 
 use super::fit_line::{FittedLine, LineFit, Missed};

@@ -2,11 +2,10 @@
 
 use std::borrow::Cow;
 
+use maquette_base::linear::laplace::{self, Unsolved};
 use maquette_node::Progress;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
-
-use maquette_base::linear::laplace::{self, Unsolved};
 
 /// The cells of a range grid in the rectangle around a region, padded, with a point each.
 pub(crate) struct GridWindow {

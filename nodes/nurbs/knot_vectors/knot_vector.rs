@@ -44,10 +44,10 @@ pub fn knots(
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::KnotVectorError;
     use nalgebra::Point3;
 
     use super::*;
-    use maquette_value::KnotVectorError;
 
     /// A net of two rows whose columns lie at these places.
     fn net(columns: &[f64]) -> value::ControlNet {

@@ -9,6 +9,7 @@
 //! row is a smooth line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
 
 use maquette_node::Progress;
+use maquette_range::contours;
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -17,7 +18,6 @@ use super::charted::charted;
 use super::rays::{NotAStar, Rays, turn};
 use crate::grid::window::GridWindow;
 use crate::net_error::NetError;
-use maquette_range::contours;
 
 /// Most spokes that are chosen; a contour has some hundred cells, half of which would only follow its steps.
 const MOST_SPOKES: usize = 64;

@@ -1,5 +1,6 @@
 //! How an offset fades from the middle of a net's free points to its fixed ones.
 
+use maquette_base::linear::laplace::{self, Unsolved};
 use maquette_node::Progress;
 use maquette_value as value;
 use maquette_value::Field;
@@ -7,7 +8,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::round::Round;
-use maquette_base::linear::laplace::{self, Unsolved};
 
 /// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

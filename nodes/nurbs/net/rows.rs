@@ -206,10 +206,11 @@ pub(crate) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) ->
 
 #[cfg(test)]
 mod tests {
+    use maquette_node::Progress;
+
     use super::*;
     use crate::control_net::tests::{range, region};
     use crate::control_net::{NetMethod, control_net};
-    use maquette_node::Progress;
 
     fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
         control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()

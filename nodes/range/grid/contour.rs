@@ -120,11 +120,11 @@ impl Borders {
 
 #[cfg(test)]
 mod tests {
+    use maquette_image::{Connectivity, label};
     use maquette_value::Mask;
     use proptest::prelude::*;
 
     use super::*;
-    use maquette_image::{Connectivity, label};
 
     fn cells_of(rows: &[&str]) -> Vec<(bool, Vec<u32>)> {
         let mask = Mask::drawn(rows);

@@ -8,8 +8,8 @@
 //!     d---c
 //! ```
 
-use maquette_value::parallel::*;
 use maquette_value::RangeImage;
+use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 /// One of the four triangles that a quad may have; two that share the diagonal fill it.

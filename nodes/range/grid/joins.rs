@@ -1,7 +1,7 @@
 //! Which neighboring cells of a range image lie on one surface.
 
-use maquette_value::parallel::*;
 use maquette_value::RangeImage;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::grid_triangles::{Rays, double_area};

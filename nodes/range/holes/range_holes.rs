@@ -1,13 +1,13 @@
 //! Cells of a region for which the scanner has no point.
 
+use maquette_base::linear::laplace::{Unsolved, solve};
+use maquette_image::{Connectivity, label};
 use maquette_node::Progress;
 use maquette_value::{Mask, RangeImage};
 use nalgebra::Point3;
 
 use super::shadows::{LARGEST_SHADOW, shadows};
 use crate::grid::joins::{JUMP, longest_edge};
-use maquette_base::linear::laplace::{Unsolved, solve};
-use maquette_image::{Connectivity, label};
 
 /// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside, or in a shadow
 /// that the scan surrounds.

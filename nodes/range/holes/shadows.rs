@@ -1,13 +1,13 @@
 //! Cells without a point that the scan surrounds: where a laser's light or its reflection was blocked, and dark or shiny spots.
 
-use maquette_value::parallel::*;
-use maquette_value::Mask;
+use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use maquette_image::{Connectivity, label};
 use maquette_node::{Cancelled, Progress};
+use maquette_value::Mask;
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use crate::grid::grid_triangles::quad_triangles;
-use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
-use maquette_image::{Connectivity, label};
 
 /// Cells of the largest shadow that is filled unless something else is asked for: what is larger is taken for a gap in the object.
 pub const LARGEST_SHADOW: usize = 1000;

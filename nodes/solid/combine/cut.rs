@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use maquette_value::{Faces, Mesh, MeshError};
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::topology::lists::Lists;
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
 use super::meet::{Meet, Meeting, Pair};

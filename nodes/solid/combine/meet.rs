@@ -3,11 +3,11 @@
 use std::cmp::Ordering;
 use std::ops::Range;
 
-use maquette_value::parallel::*;
-use maquette_value::{Bounds, BoxTree, Mesh, MeshError};
-use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::MergeError;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::parallel::*;
+use maquette_value::{Bounds, BoxTree, Mesh, MeshError};
 use nalgebra::Point3;
 use thiserror::Error;
 

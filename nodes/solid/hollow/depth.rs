@@ -1,9 +1,9 @@
 //! How deep inside a solid the nodes of a grid are.
 
+use maquette_base::solid_angle::half_solid_angle;
+use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, TriangleTree};
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
-use maquette_base::solid_angle::half_solid_angle;
 use nalgebra::{Point3, Vector3};
 
 use crate::contour::Contour;

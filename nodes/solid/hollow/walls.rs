@@ -1,8 +1,8 @@
 //! Walls that are nowhere thinner than asked.
 
-use maquette_value::TriangleTree;
-use maquette_node::{Cancelled, Progress};
 use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Cancelled, Progress};
+use maquette_value::TriangleTree;
 use nalgebra::{Point3, Vector3, center};
 
 use crate::contour::Contour;

@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
+use maquette_graph::Broken;
+
 use super::in_words;
-use crate::graph::Broken;
 
 /// So many elements are listed for people; programs get all that are known.
 const LISTED: usize = 20;

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::catalog::Catalog;
 use maquette_value::plain::ending;
 use maquette_value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
 
-use crate::catalog::Catalog;
 use crate::cli::counted;
 
 /// The types of values that are scans, in the order in which a file is tried.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use maquette_graph::catalog::Catalog;
 use maquette_node::pack::Recipe;
 use maquette_syntax::paths::path_between;
 use maquette_syntax::{Field, Kind, Tree, parse, quoted};
@@ -9,7 +10,6 @@ use maquette_value::plain::ending;
 use maquette_value::{Image, Value as _};
 
 use super::scans::{KINDS, Scan, in_words};
-use crate::catalog::Catalog;
 
 /// The files that the nodes of a recipe read.
 #[derive(Clone)]

@@ -14,7 +14,7 @@ use crate::writing::{Destination, Refused, Sources, Turn, rewrite};
 
 pub(in crate::cli) const ENDING: &str = "layout.ron";
 
-/// Column and row of a box, as [`Places`](crate::draw::Places) has them, but anywhere in between, too.
+/// Column and row of a box, as [`Places`](maquette_diagram::Places) has them, but anywhere in between, too.
 type Spot = (f64, f64);
 
 /// The spots of the boxes that were put anywhere.

@@ -4,11 +4,11 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use maquette_edit::Edit;
 use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::layout::Layout;
-use crate::graph::Edit;
 
 /// One line of a host: what it wants, and the number or text by which the answer is known.
 pub(super) struct Line {

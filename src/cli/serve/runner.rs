@@ -6,6 +6,8 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Graph, InputValues, Options};
 use maquette_node::CancelToken;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Problem, Severity};
@@ -15,11 +17,9 @@ use serde_json::{Value as Json, json};
 use super::columns::Columns;
 use super::request::{Form, Input, Load, Run, Want};
 use super::{Answer, lock};
-use crate::catalog::Catalog;
 use crate::cli::events::{Events, Listener};
 use crate::cli::put_problems;
 use crate::eval::NodeTrace;
-use crate::graph::{Graph, InputValues, Options};
 use crate::session::{self, Finished, Session, Wanted};
 
 /// What the thread is to do.

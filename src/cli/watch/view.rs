@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use maquette_graph::Graph;
+use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
 use super::block::Block;
 use super::worker::{Observe, Report, Seen};
-use crate::catalog::Catalog;
 use crate::cli::events::{Ending, Events, Listener, does_not_stop};
 use crate::cli::run::counts;
 use crate::cli::terminal::{Input, Screen};
 use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
 use crate::eval::{Observer, State};
-use crate::graph::Graph;
 use crate::page::Page;
 
 /// Tells the user, or a program, how the watch goes.

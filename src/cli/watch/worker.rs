@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
+use maquette_graph::Graph;
 use maquette_node::CancelToken;
 use maquette_render::picture_of;
 use maquette_syntax::error::in_words;
@@ -16,7 +17,6 @@ use maquette_value::AnyValue;
 use crate::cli::inputs::InputOptions;
 use crate::cli::look::Source;
 use crate::eval::{Observer, RunTrace};
-use crate::graph::Graph;
 use crate::page::{Shown, Viewed, Views};
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
 
@@ -321,9 +321,10 @@ fn panicked(job: &Job, words: &str) -> Report {
 
 #[cfg(test)]
 mod tests {
+    use maquette_graph::Options;
+    use maquette_graph::catalog::Catalog;
+
     use super::*;
-    use crate::catalog::Catalog;
-    use crate::graph::Options;
     use crate::session::Settings;
 
     fn reports_to(sender: Sender<Report>) -> impl Fn(News) + Send + 'static {

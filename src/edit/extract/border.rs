@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 
+use maquette_graph::Refusal;
+use maquette_graph::meaning::named_node;
 use maquette_syntax::error::{Span, code};
 
-use super::{Known, Linked, Refusal, free_name, refusal};
-use crate::graph::meaning::named_node;
+use super::{Known, Linked, free_name, refusal};
 
 /// The values that cross the border of a set of nodes, each once.
 pub(super) struct Border {

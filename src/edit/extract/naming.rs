@@ -3,13 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::Refusal;
+use maquette_graph::check::folder_of;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::paths::{folder_of_new, path_between};
 use maquette_syntax::with_article;
 
-use super::{Extraction, Judge, Known, Refusal, free_name, refusal};
-use crate::graph::check::folder_of;
-use crate::graph::edit::may_name;
+use super::{Extraction, Judge, Known, free_name, refusal};
+use crate::may_name;
 
 /// What the new graph is called.
 pub(super) struct New {

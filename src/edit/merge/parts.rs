@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use maquette_graph::meaning::{plain, show};
+use maquette_graph::{opened, parts as places};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 
 use super::notes::is_open;
 use super::units::Plain;
-use crate::graph::edit::{opened, parts as places};
-use crate::graph::meaning::{plain, show};
 
 /// A value, and the text in which it stands.
 #[derive(Clone, Copy)]
@@ -87,7 +87,7 @@ pub(super) struct Part<'t> {
     /// Its name with the colon; empty for an item.
     pub(super) name: &'t str,
     pub(super) value: Value<'t>,
-    pub(super) behind: Behind<'t>,
+    pub behind: Behind<'t>,
     /// Whether it would say the same if it were left out.
     pub(super) is_default: bool,
 }

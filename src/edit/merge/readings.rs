@@ -5,11 +5,10 @@ use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
+use maquette_graph::expression::named_parameters;
+use maquette_graph::meaning::entries;
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
-
-use crate::graph::expression::named_parameters;
-use crate::graph::meaning::entries;
 
 /// An expression, and what it names.
 struct Reading {

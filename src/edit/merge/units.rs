@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use maquette_graph::catalog::{Catalog, Entry};
+use maquette_graph::fitting::{declaration_in_own_unit, in_plain_numbers};
+use maquette_graph::meaning::entries;
+use maquette_graph::{Expectation, Files, Graph, Options};
 use maquette_syntax::{Body, Kind, Name, Tree, unit_names};
-
-use crate::catalog::{Catalog, Entry};
-use crate::graph::fitting::{declaration_in_own_unit, in_plain_numbers};
-use crate::graph::meaning::entries;
-use crate::graph::{Expectation, Files, Graph, Options};
 
 /// What the values with units say, by where they begin in a graph's text.
 pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Catalog) -> Plain {

@@ -3,29 +3,27 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use maquette_syntax::error::{Problem, Span};
-use maquette_syntax::{Kind, Token, Tree, parse, tokens};
-
-use crate::graph::Graph;
-use crate::graph::edit::{
+use maquette_graph::{
     Splice, Tail, apply, indent_of, newline, opened, parts, reindented, without,
     without_blank_lines,
 };
+use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::{Kind, Token, Tree, parse, tokens};
 
 /// Columns before an entry of a graph's section in the canonical form.
 const COLUMNS: usize = 8;
 
 /// What comes of entries that are taken out of a map.
-pub(in crate::graph) struct Moved {
+pub(crate) struct Moved {
     /// The edits of the text that they stood in.
-    pub(in crate::graph) splices: Vec<Splice>,
+    pub(crate) splices: Vec<Splice>,
     /// The entries, each with a comma and its comments.
-    pub(in crate::graph) text: String,
+    pub(crate) text: String,
 }
 
 /// Takes entries out of a map, with other words in them, and puts a new one in the place of the last of them; `write` gives it as it
 /// stands behind an indentation.
-pub(in crate::graph) fn moved(
+pub(crate) fn moved(
     text: &str,
     map: &Tree,
     taken: &BTreeSet<usize>,
@@ -116,14 +114,14 @@ fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
 }
 
 /// What stands between two parts of a value, where one more comes behind this one.
-pub(in crate::graph) fn gap_behind(text: &str, owner: &Tree, part: Span) -> String {
+pub(crate) fn gap_behind(text: &str, owner: &Tree, part: Span) -> String {
     let newline = newline(text, owner.span.end - 1);
     let indent = indent_of(text, owner.span, part);
     indent.map_or(", ".to_owned(), |indent| format!(",{newline}{indent}"))
 }
 
 /// A part of a text with the edits in it made.
-pub(in crate::graph) fn part_with(text: &str, part: Span, splices: &[Splice]) -> String {
+pub(crate) fn part_with(text: &str, part: Span, splices: &[Splice]) -> String {
     let is_inside = |span: &Span| part.start <= span.start && span.end <= part.end;
     let inside = splices.iter().filter(|(span, _)| is_inside(span));
     let moved = inside.map(|(span, new)| {
@@ -137,12 +135,9 @@ pub(in crate::graph) fn part_with(text: &str, part: Span, splices: &[Splice]) ->
 ///
 /// # Errors
 /// They are no entries.
-pub(in crate::graph) fn indented_entries(
-    path: &Path,
-    entries: &str,
-) -> Result<String, Vec<Problem>> {
+pub(crate) fn indented_entries(path: &Path, entries: &str) -> Result<String, Vec<Problem>> {
     let entries = entries.replace("\r\n", "\n");
-    let form = Graph::formatted(path, &format!("Graph(\n    nodes: {{{entries}\n    }},\n)\n"))?;
+    let form = crate::formatted(path, &format!("Graph(\n    nodes: {{{entries}\n    }},\n)\n"))?;
     let (tree, _) = parse(&form);
     let nodes = tree.fields().and_then(|fields| fields.first()).map(|field| &field.value);
     let Some(nodes) = nodes.filter(|nodes| !parts(nodes).is_empty()) else {
@@ -153,12 +148,7 @@ pub(in crate::graph) fn indented_entries(
 }
 
 /// The edits that put entries, as [`indented_entries`] gives them, into the place of one, whose comments stay above them.
-pub(in crate::graph) fn put_in_place(
-    text: &str,
-    map: &Tree,
-    at: usize,
-    entries: &str,
-) -> Vec<Splice> {
+pub(crate) fn put_in_place(text: &str, map: &Tree, at: usize, entries: &str) -> Vec<Splice> {
     let parts = parts(map);
     let part = parts[at];
     if entries.is_empty() {
@@ -184,7 +174,7 @@ pub(in crate::graph) fn put_in_place(
     let tree = parse(&whole).0;
     let mut last = entries.to_owned();
     if let Kind::Map(_) = tree.kind
-        && let Some(end) = self::parts(&tree).last().map(|part| part.end)
+        && let Some(end) = maquette_graph::parts(&tree).last().map(|part| part.end)
         && let Some(comma) = Tail::of(&whole, end, tree.span.end).comma
     {
         last.replace_range(comma - 1..comma, "");

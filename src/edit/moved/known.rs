@@ -4,45 +4,47 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::Options;
+use maquette_graph::catalog::Catalog;
+use maquette_graph::check::{Check, Whole, first};
+use maquette_graph::definition::{Definition, World};
+use maquette_graph::draft::{Draft, What};
+use maquette_graph::expression::named_parameters;
+use maquette_graph::link;
+use maquette_graph::meaning::named_node;
+use maquette_graph::rebase::{files, rebased_at};
+use maquette_graph::{Splice, field};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Kind, Tree};
 
-use crate::catalog::Catalog;
-use crate::graph::Options;
-use crate::graph::check::{Check, Whole, first};
-use crate::graph::definition::{Definition, World};
-use crate::graph::draft::{Draft, What};
-use crate::graph::edit::{Names, References, field};
-use crate::graph::expression::named_parameters;
-use crate::graph::link;
-use crate::graph::meaning::named_node;
+use crate::{Names, References};
 
 /// The text of a graph, understood.
-pub(in crate::graph) struct Known {
-    pub(in crate::graph) text: String,
-    pub(in crate::graph) whole: Arc<Whole>,
-    pub(in crate::graph) references: References,
+pub(crate) struct Known {
+    pub(crate) text: String,
+    pub(crate) whole: Arc<Whole>,
+    pub(crate) references: References,
     /// All links, in the order of their places.
-    pub(in crate::graph) links: Vec<Linked>,
+    pub(crate) links: Vec<Linked>,
     /// The folders that it may read.
-    pub(in crate::graph) roots: Vec<PathBuf>,
+    pub(crate) roots: Vec<PathBuf>,
 }
 
 /// A link in the text of a graph.
-pub(in crate::graph) struct Linked {
-    pub(in crate::graph) span: Span,
+pub(crate) struct Linked {
+    pub(crate) span: Span,
     /// What it says.
-    pub(in crate::graph) text: String,
+    pub(crate) text: String,
     /// Whose it is, in words: port `mask` of `spots`.
-    pub(in crate::graph) by: String,
+    pub(crate) by: String,
     /// The drafts and outputs that it leads to.
-    pub(in crate::graph) targets: Vec<(usize, usize)>,
+    pub(crate) targets: Vec<(usize, usize)>,
 }
 
 impl Known {
     /// # Errors
     /// The problems of the text, if nothing can be said of what is in it.
-    pub(in crate::graph) fn read(
+    pub(crate) fn read(
         path: &Path,
         text: &str,
         catalog: &Catalog,
@@ -56,7 +58,7 @@ impl Known {
     }
 
     /// What a text says that is no patch's.
-    pub(in crate::graph) fn of(world: &mut World<'_>, whole: Arc<Whole>) -> Self {
+    pub(crate) fn of(world: &mut World<'_>, whole: Arc<Whole>) -> Self {
         let definition = &whole.definition;
         let references = References::within(definition);
         let mut check = Check::new(world, definition.sheet.clone(), Vec::new());
@@ -71,22 +73,22 @@ impl Known {
         Self { text, whole, references, links, roots }
     }
 
-    pub(in crate::graph) fn tree(&self) -> &Tree {
+    pub(crate) fn tree(&self) -> &Tree {
         &self.definition().tree
     }
 
-    pub(in crate::graph) fn definition(&self) -> &Definition {
+    pub(crate) fn definition(&self) -> &Definition {
         &self.whole.definition
     }
 
     /// A section with names, if the graph has it.
-    pub(in crate::graph) fn section(&self, name: &str) -> Option<&Tree> {
+    pub(crate) fn section(&self, name: &str) -> Option<&Tree> {
         let value = &field(self.tree(), name)?.value;
         matches!(value.kind, Kind::Map(_)).then_some(value)
     }
 
     /// The entries of a section.
-    pub(in crate::graph) fn entries(&self, name: &str) -> &[(Tree, Tree)] {
+    pub(crate) fn entries(&self, name: &str) -> &[(Tree, Tree)] {
         match self.section(name).map(|section| &section.kind) {
             Some(Kind::Map(entries)) => entries,
             _ => &[],
@@ -94,21 +96,21 @@ impl Known {
     }
 
     /// The names in a section.
-    pub(in crate::graph) fn names(&self, section: &str) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self, section: &str) -> impl Iterator<Item = &str> {
         self.entries(section).iter().filter_map(|(key, _)| key.text())
     }
 
     /// The place of a name among the entries of its section.
-    pub(in crate::graph) fn position(&self, section: &str, name: &str) -> Option<usize> {
+    pub(crate) fn position(&self, section: &str, name: &str) -> Option<usize> {
         self.entries(section).iter().position(|(key, _)| key.text() == Some(name))
     }
 
-    pub(in crate::graph) fn slice(&self, span: Span) -> &str {
+    pub(crate) fn slice(&self, span: Span) -> &str {
         &self.text[span.start..span.end]
     }
 
     /// The node in whose entry something stands.
-    pub(in crate::graph) fn owner(&self, span: Span) -> Option<usize> {
+    pub(crate) fn owner(&self, span: Span) -> Option<usize> {
         let is_around = |(key, value): &(Tree, Tree)| {
             key.span.start <= span.start && span.end <= value.span.end
         };
@@ -116,7 +118,7 @@ impl Known {
     }
 
     /// What stands for a node: one of them, where it is a `ForEach`.
-    pub(in crate::graph) fn draft(&self, node: &str) -> Option<&Draft> {
+    pub(crate) fn draft(&self, node: &str) -> Option<&Draft> {
         let mut drafts = self.definition().drafts.iter();
         drafts.find(|draft| {
             let is_type = matches!(draft.what, What::Node(_) | What::Use(..));
@@ -125,7 +127,7 @@ impl Known {
     }
 
     /// Whether a link leads to one value, and not to a list.
-    pub(in crate::graph) fn value(&self, link: &Linked) -> Option<(usize, usize)> {
+    pub(crate) fn value(&self, link: &Linked) -> Option<(usize, usize)> {
         match link.targets[..] {
             [(draft, output)] if !self.definition().drafts[draft].is_list(output) => {
                 Some((draft, output))
@@ -135,7 +137,7 @@ impl Known {
     }
 
     /// The parameters that are named in these places, in the order of their declarations.
-    pub(in crate::graph) fn parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
+    pub(crate) fn parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
         let known = BTreeMap::from_iter(self.names("params").zip(0..));
         let mut found = BTreeSet::new();
         for reference in self.references.all.iter().filter(|found| within(found.span)) {
@@ -156,12 +158,12 @@ impl Known {
 
 impl Known {
     /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
-    pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
+    pub(crate) fn files(&self) -> BTreeSet<Span> {
         files(self.definition())
     }
 
     /// The edits of paths in these places that lead to the same files from another folder.
-    pub(in crate::graph) fn rebased(
+    pub(crate) fn rebased(
         &self,
         places: impl IntoIterator<Item = Span>,
         from: &Path,

@@ -2,33 +2,33 @@
 
 use std::path::PathBuf;
 
+use maquette_graph::expectation::Expectation;
+use maquette_graph::{Checked, Graph, GraphNode};
 use maquette_syntax::error::{Problem, Severity};
 use maquette_syntax::paths::without_dots;
 use maquette_value::Hash;
 
-use crate::graph::edit::Judge;
-use crate::graph::expectation::Expectation;
-use crate::graph::{Checked, Graph, GraphNode};
+use crate::Judge;
 
 /// What a graph computes: equal for two graphs whose nodes have equal keys, whatever they are called and in which order they come.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::graph) struct Computed {
+pub(crate) struct Computed {
     nodes: Vec<Hash>,
     outputs: Vec<(String, Hash)>,
     expected: Vec<String>,
     /// What is promised and does not follow.
-    pub(in crate::graph) promised: Vec<String>,
+    pub(crate) promised: Vec<String>,
 }
 
 /// What a graph computes for final results, and for drafts.
-pub(in crate::graph) type Sides = [Computed; 2];
+pub(crate) type Sides = [Computed; 2];
 
 impl Judge<'_> {
     /// What the text of a graph says.
     ///
     /// # Errors
     /// Everything that is wrong with it.
-    pub(in crate::graph) fn computed(&self, text: &str) -> Result<Sides, Vec<Problem>> {
+    pub(crate) fn computed(&self, text: &str) -> Result<Sides, Vec<Problem>> {
         self.sides(text, &self.checked(text, false))
     }
 

@@ -2,21 +2,21 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette_graph::expression::named_parameters;
+use maquette_graph::fitting::in_own_unit;
+use maquette_graph::meaning::show;
+use maquette_graph::migrate::kind_of;
+use maquette_graph::parameters::is_computed;
+use maquette_graph::quality::{is_draft, side};
+use maquette_graph::{Refusal, Splice, apply};
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::quoted;
 use maquette_syntax::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse};
 
 use super::{Known, refusal};
-use crate::graph::edit::{Refusal, Splice, apply};
-use crate::graph::expression::named_parameters;
-use crate::graph::fitting::in_own_unit;
-use crate::graph::meaning::show;
-use crate::graph::migrate::kind_of;
-use crate::graph::parameters::is_computed;
-use crate::graph::quality::{is_draft, side};
 
 /// What a parameter stands for in the other graph.
-pub(in crate::graph) enum Given {
+pub(crate) enum Given {
     /// A parameter there.
     Parameter(String),
     /// An expression of parameters there.
@@ -29,7 +29,7 @@ pub(in crate::graph) enum Given {
 ///
 /// # Errors
 /// A value that cannot be said in this place.
-pub(in crate::graph) fn put_values(
+pub(crate) fn put_values(
     known: &Known,
     (key, entry): &(Tree, Tree),
     values: &BTreeMap<String, Given>,

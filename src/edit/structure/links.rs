@@ -1,15 +1,15 @@
 //! Links of ports: made, changed and taken away.
 
+use maquette_graph::Refusal;
+use maquette_graph::place::{Found, field, find};
+use maquette_graph::splice::{Splice, added, apply, behind, parts, put_entry};
+use maquette_graph::top::field_of;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::quoted;
 use maquette_syntax::{Kind, Tree, nearest_or_all, parse};
 
 use super::{Gone, Structure, call_of, one, refusal};
-use crate::graph::edit::Refusal;
-use crate::graph::edit::place::{Found, field, find};
-use crate::graph::edit::references::References;
-use crate::graph::edit::splice::{Splice, added, apply, behind, parts, put_entry};
-use crate::graph::top::field_of;
+use crate::references::References;
 
 impl Structure<'_> {
     /// A node, and the way to a port in its call, as the text has it.

@@ -9,13 +9,13 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use maquette_graph::catalog::{Catalog, Code};
+use maquette_graph::stamp::Stamp;
 use maquette_value::Hash;
 use maquette_value::plain;
 
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
-use crate::catalog::{Catalog, Code};
-use crate::stamp::Stamp;
 use crate::writing::write_parts;
 
 /// Whether this process is a program of its own, and no host that has loaded a library.

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use maquette_graph::Recipe;
+use maquette_graph::files::KnownFile;
 use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -11,8 +13,6 @@ use super::super::cache::Outcome;
 use super::super::key::Parts;
 use super::super::snapshot::{Done, Snapshot};
 use super::Store;
-use crate::files::KnownFile;
-use crate::graph::Recipe;
 
 #[derive(Serialize, Deserialize)]
 struct Record {

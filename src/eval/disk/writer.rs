@@ -6,13 +6,13 @@ use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
+use maquette_graph::files::KnownFile;
 use maquette_value::{AnyValue, Hash};
 
 use super::super::cache::{Outcome, Values};
 use super::super::lock;
 use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
-use crate::files::KnownFile;
 use crate::writing::bring_to_disk;
 
 /// Something to write.

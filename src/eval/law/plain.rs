@@ -5,11 +5,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use maquette_graph::{Graph, GraphNode};
 use maquette_node::{Context, File, Progress};
 use maquette_value::{AnyValue, Hash};
 
 use crate::eval::key::Parts;
-use crate::graph::{Graph, GraphNode};
 
 /// What is true of a node.
 pub(super) enum Truth {
@@ -56,7 +56,7 @@ pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
 }
 
 fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
-    let input = |link: &crate::graph::Link| match &before[link.node] {
+    let input = |link: &maquette_graph::Link| match &before[link.node] {
         Truth::Given { values, .. } => Some(values[link.output].clone()),
         _ => None,
     };

@@ -90,7 +90,7 @@ impl Project {
                 let _ = file.and_then(|file| file.set_modified(date));
             }
             Edit::Delete { file } => drop(fs::remove_file(self.file(file))),
-            Edit::Settle => std::thread::sleep(crate::stamp::FINE_GRAIN * 5 / 4),
+            Edit::Settle => std::thread::sleep(maquette_graph::stamp::FINE_GRAIN * 5 / 4),
             Edit::Inner { number } => self.inner = number,
             Edit::Longer => self.longer = !self.longer,
             Edit::Switch => self.second = !self.second,

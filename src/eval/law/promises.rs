@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+use maquette_graph::{Graph, Link};
 use maquette_value::{AnyValue, Hash};
 
 use super::Last;
@@ -9,7 +10,6 @@ use super::plain::Truth;
 use crate::eval::trace::Reason;
 use crate::eval::why::Outlook;
 use crate::eval::{Evaluation, Forecast, State};
-use crate::graph::{Graph, Link};
 
 /// Makes a promise.
 macro_rules! promise {

@@ -1,5 +1,6 @@
 //! Two meshes: face by face if they have the same faces, else by the distance of their surfaces.
 
+use maquette_value::Topology;
 use maquette_value::parallel::*;
 use maquette_value::{AnyValue, Attributes, Mesh};
 use maquette_value::{NearestPlace, TriangleTree};
@@ -8,7 +9,6 @@ use nalgebra::{Point3, Vector3};
 use super::columns::{difference, in_words, judge, measure, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
-use crate::golden::topology::Topology;
 
 /// Compares two meshes, of which the columns of the old one may be off by what `error` says for each name.
 pub(crate) fn compare_meshes(

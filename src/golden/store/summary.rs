@@ -1,12 +1,12 @@
 //! What a value is, in lines that people read in a diff.
 
 use maquette_value::{AnyValue, Mesh, Range};
+use maquette_value::{Extent, Topology};
 
 use super::Written;
 use crate::golden::compare::{Tolerance, allowed, six, without_order};
 use crate::golden::parts::{Class, GoldenParts};
 use crate::golden::sketch::Sketch;
-use crate::golden::topology::{Extent, Topology};
 
 /// What a value is in a golden: the texts of its summary, and how much those with numbers may differ.
 pub(super) struct Line {

@@ -5,34 +5,34 @@ use maquette_syntax::{inside, resolve, ron, variants};
 use serde_json::{Value as Json, json};
 
 /// The documentation of a type of nodes: a built-in one, or a graph that others use.
-pub(crate) struct Description<'a> {
-    pub(crate) name: &'a str,
+pub struct Description<'a> {
+    pub name: &'a str,
     /// The pack, or the file.
-    pub(crate) pack: &'a str,
+    pub pack: &'a str,
     /// That of a graph which says one.
-    pub(crate) version: Option<&'a str>,
-    pub(crate) schema: &'a Json,
+    pub version: Option<&'a str>,
+    pub schema: &'a Json,
     /// Names and types.
-    pub(crate) outputs: Vec<(String, Vec<&'static str>)>,
+    pub outputs: Vec<(String, Vec<&'static str>)>,
     /// Outputs and what is promised of them, in words.
-    pub(crate) promises: Vec<(String, String)>,
+    pub promises: Vec<(String, String)>,
     /// What becomes of attributes, where that is said.
-    pub(crate) carries: &'static [Carry],
+    pub carries: &'static [Carry],
 }
 
 impl Description<'_> {
     /// Its ports, in order.
-    pub(crate) fn ports(&self) -> Vec<PortDescription> {
+    pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema)
     }
 
     /// What is promised of an output, in words.
-    pub(crate) fn promised<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
+    pub fn promised<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
         let of_it = self.promises.iter().filter(move |(name, _)| name == output);
         of_it.map(|(_, words)| &words[..])
     }
 
-    pub(crate) fn to_json(&self) -> Json {
+    pub fn to_json(&self) -> Json {
         let ports = self.ports();
         let mut parameters = self.schema.clone();
         if let Some(properties) = parameters.get_mut("properties").and_then(Json::as_object_mut) {
@@ -68,14 +68,14 @@ impl Description<'_> {
 }
 
 /// A port, as it is described to people and programs.
-pub(crate) struct PortDescription {
-    pub(crate) name: String,
-    pub(crate) types: Vec<String>,
-    pub(crate) optional: bool,
-    pub(crate) many: bool,
+pub struct PortDescription {
+    pub name: String,
+    pub types: Vec<String>,
+    pub optional: bool,
+    pub many: bool,
     /// Properties of the values, in words.
-    pub(crate) wants: Vec<String>,
-    pub(crate) doc: String,
+    pub wants: Vec<String>,
+    pub doc: String,
 }
 
 impl PortDescription {
@@ -95,7 +95,7 @@ impl PortDescription {
 }
 
 /// The ports among the fields of a schema, in order.
-pub(crate) fn ports(schema: &Json) -> Vec<PortDescription> {
+pub fn ports(schema: &Json) -> Vec<PortDescription> {
     let properties = schema.get("properties").and_then(Json::as_object);
     let required = schema.get("required").and_then(Json::as_array);
     let is_optional = |name: &str| {
@@ -124,7 +124,7 @@ fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
 }
 
 /// What a parameter takes, on one line.
-pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
+pub fn describe_parameter(schema: &Json, root: &Json) -> String {
     described(schema, root, &[])
 }
 
@@ -218,7 +218,7 @@ fn describe_content(content: &Json, root: &Json, within: &[&str]) -> String {
 }
 
 /// ` = default`, as a graph file would have it, if the schema has one.
-pub(crate) fn describe_default(schema: &Json, root: &Json) -> String {
+pub fn describe_default(schema: &Json, root: &Json) -> String {
     let default = schema.get("default");
     default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
 }

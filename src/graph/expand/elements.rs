@@ -5,14 +5,14 @@ use std::collections::HashSet;
 use maquette_syntax::error::{Problem, code};
 
 use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
-use crate::graph::definition::Definition;
-use crate::graph::draft::Draft;
-use crate::graph::each::{element_name, numbered};
-use crate::graph::repeat::{Counted, Elements, Pick, Repeat};
-use crate::graph::stage::{Count, Loop, cut_node, refused_node};
-use crate::graph::top::{field_of, name_of};
-use crate::graph::unfound::{beyond, elements};
-use crate::graph::{GraphUse, Link};
+use crate::definition::Definition;
+use crate::draft::Draft;
+use crate::each::{element_name, numbered};
+use crate::repeat::{Counted, Elements, Pick, Repeat};
+use crate::stage::{Count, Loop, cut_node, refused_node};
+use crate::top::{field_of, name_of};
+use crate::unfound::{beyond, elements};
+use crate::{GraphUse, Link};
 
 impl Expansion<'_, '_> {
     /// The node that takes data apart: an output for each element, or one for an example.

@@ -4,9 +4,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Expansion, Scope, Values};
-use crate::graph::definition::Definition;
-use crate::graph::expected::{Expected, Expecter, Expecting};
-use crate::graph::{Guard, Wanter};
+use crate::definition::Definition;
+use crate::expected::{Expected, Expecter, Expecting};
+use crate::{Guard, Wanter};
 
 impl Expansion<'_, '_> {
     /// What a graph wants of its inputs is tested before a node inside takes them, which stand behind the `first`.

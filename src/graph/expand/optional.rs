@@ -6,8 +6,8 @@ use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Tree};
 
 use super::{Scope, Target};
-use crate::graph::definition::Definition;
-use crate::graph::draft::Draft;
+use crate::definition::Definition;
+use crate::draft::Draft;
 
 /// The places of links that are left out, and whether each is at a port that takes many.
 pub(super) type Absent = HashMap<Span, bool>;

@@ -9,28 +9,23 @@ use maquette_syntax::{Body, Field, Finding, Kind, Name, Tree, parse};
 
 use super::{Splice, apply, renewed, without, written};
 use crate::catalog::Catalog;
-use crate::graph::meaning::entries;
-use crate::graph::quality::is_side;
+use crate::meaning::entries;
+use crate::quality::is_side;
 
 /// By this place the value is found again among the fields around it.
 const MARK: Span = Span { start: usize::MAX, end: usize::MAX };
 
 /// A value under its present name.
-pub(in crate::graph) struct Renewed {
+pub struct Renewed {
     /// The way to it from the node on: `select.distance`.
-    pub(in crate::graph) path: String,
-    pub(in crate::graph) value: Tree,
+    pub(crate) path: String,
+    pub value: Tree,
     /// What was old about it.
-    pub(in crate::graph) findings: Vec<Finding>,
+    pub(crate) findings: Vec<Finding>,
 }
 
 /// What a value is that is put to this place of a node; none if nothing about it is old.
-pub(in crate::graph) fn renewed_put(
-    node: &Tree,
-    path: &str,
-    value: &Tree,
-    catalog: &Catalog,
-) -> Option<Renewed> {
+pub fn renewed_put(node: &Tree, path: &str, value: &Tree, catalog: &Catalog) -> Option<Renewed> {
     let node = renewed(node, catalog).0;
     let kind = node.name()?;
     let (mut numbers, mut put) = (Vec::new(), Tree { span: MARK, ..value.clone() });
@@ -86,7 +81,7 @@ fn marked<'t>(tree: &'t Tree, steps: &mut Vec<Option<String>>) -> Option<&'t Tre
 }
 
 /// A value's text as it is now: what it was in this text, and only what is said otherwise written anew.
-pub(in crate::graph) fn renewed_text(old: &Tree, new: &Tree, text: &str) -> String {
+pub fn renewed_text(old: &Tree, new: &Tree, text: &str) -> String {
     let Span { start, end } = old.span;
     let mut splices = Vec::new();
     written(old, new, text, &mut splices);
@@ -97,7 +92,7 @@ pub(in crate::graph) fn renewed_text(old: &Tree, new: &Tree, text: &str) -> Stri
 }
 
 /// The nodes of a graph's text whose types are the packs', not graphs that it uses.
-pub(in crate::graph) fn nodes_of_packs(graph: &Tree) -> impl Iterator<Item = (&str, &Tree)> {
+pub(crate) fn nodes_of_packs(graph: &Tree) -> impl Iterator<Item = (&str, &Tree)> {
     let fields = graph.fields().unwrap_or_default();
     let own = Vec::from_iter(entries(fields, "use").map(|(name, _)| name));
     entries(fields, "nodes").filter(move |(_, node)| {
@@ -116,7 +111,7 @@ fn node_of<'t, 'n>(graph: &'t Tree, target: &'n str) -> Option<(&'t Tree, &'n st
 }
 
 /// A target and its value as they are now, of the graph with this text; none if nothing about them is old.
-pub(in crate::graph) fn renewed_target(
+pub fn renewed_target(
     graph: &Tree,
     target: &str,
     value: &Tree,
@@ -183,20 +178,20 @@ fn of_group(
 }
 
 /// The edits that bring one node of a graph's text up to date, a step of them at a time.
-pub(in crate::graph) fn node_steps(text: &str, name: &str, catalog: &Catalog) -> Vec<Splice> {
+pub fn node_steps(text: &str, name: &str, catalog: &Catalog) -> Vec<Splice> {
     let (tree, _) = parse(text);
     let found = nodes_of_packs(&tree).find(|(known, _)| *known == name);
     found.map_or_else(Vec::new, |(_, node)| super::call_steps(node, text, catalog))
 }
 
 /// What is old about one node of a graph.
-pub(in crate::graph) fn renewed_node(graph: &Tree, name: &str, catalog: &Catalog) -> Vec<Finding> {
+pub fn renewed_node(graph: &Tree, name: &str, catalog: &Catalog) -> Vec<Finding> {
     let found = nodes_of_packs(graph).find(|(known, _)| *known == name);
     found.map_or_else(Vec::new, |(_, node)| renewed(node, catalog).1)
 }
 
 /// A graph's text that is ready for a value at this target: a field that stands there under its old name has the new one then.
-pub(in crate::graph) fn ready_for(text: String, target: &str, catalog: &Catalog) -> String {
+pub fn ready_for(text: String, target: &str, catalog: &Catalog) -> String {
     let (tree, _) = parse(&text);
     let Some((node, name, path)) = node_of(&tree, target) else { return text };
     let goes_there = |field: &Field| {

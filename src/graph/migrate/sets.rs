@@ -9,13 +9,13 @@ use maquette_value::plain::read_text;
 use super::puts::renewed_target;
 use super::{Splice, apply, written};
 use crate::catalog::Catalog;
-use crate::graph::meaning::entries;
-use crate::graph::patch::patched_tree;
-use crate::graph::{Files, Graph, Options};
+use crate::meaning::entries;
+use crate::patch::patched_tree;
+use crate::{Files, Graph, Options};
 
 impl Graph {
     /// The text of a test of some graphs with the new names of all fields that it sets.
-    pub(crate) fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
+    pub fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let read = |path: &PathBuf| {
             let text = read_text(path).ok()?;

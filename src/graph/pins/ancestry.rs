@@ -8,13 +8,13 @@ use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
+use crate::difference::{in_short, parameter_difference, parameter_name};
 use crate::files::{Known, NodeFile, Reads};
-use crate::graph::difference::{in_short, parameter_difference, parameter_name};
-use crate::graph::{GraphNode, Link};
+use crate::{GraphNode, Link};
 
 /// What a result was computed from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Ancestry {
+pub struct Ancestry {
     /// The hash of all of it. No name of a node counts.
     made: String,
     /// The node, and what it hangs on: the nearest first.
@@ -37,7 +37,7 @@ struct Step {
 
 impl Ancestry {
     /// Of nodes that stand after what they hang on.
-    pub(crate) fn of(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
+    pub fn of(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
         static KNOWN: LazyLock<Known> = LazyLock::new(Known::default);
         let reads = Reads::new(&KNOWN, readers);
         let mut needed = vec![false; nodes.len()];

@@ -16,7 +16,7 @@ struct Header {
 }
 
 /// As they are kept.
-pub(crate) fn write(values: &[AnyValue]) -> Vec<u8> {
+pub fn write(values: &[AnyValue]) -> Vec<u8> {
     let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
     let columns = || kept.iter().flat_map(|kept: &Kept| &kept.columns);
     let header = Header {

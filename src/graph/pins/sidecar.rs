@@ -17,7 +17,7 @@ impl Pins {
     ///
     /// # Errors
     /// If the file cannot be read, or holds something else.
-    pub(crate) fn of(graph: &Path) -> Result<Self, Box<Problem>> {
+    pub fn of(graph: &Path) -> Result<Self, Box<Problem>> {
         let (name, folder) = (graph.with_extension(ENDING), graph.with_extension("pins"));
         let read = plain::read_text(&name);
         let text = read.as_ref().map_or_else(|_| String::new(), Clone::clone);
@@ -48,7 +48,7 @@ impl Pins {
     }
 
     /// As it stands in the file.
-    pub(crate) fn to_text(&self) -> String {
+    pub fn to_text(&self) -> String {
         let mut text = String::from(
             "// Results that are kept: see `maquette help pins`. Written by `maquette pin` and `maquette unpin`.\nPins(\n    format: 1,\n    pins: {\n",
         );

@@ -8,18 +8,18 @@ use super::Shape;
 /// Numbers that a mesh has, to be shown as colors.
 #[derive(Clone)]
 pub struct Field {
-    pub(crate) name: String,
+    pub name: String,
     /// Vertices, or corners or faces.
-    pub(crate) on: On,
+    pub on: On,
     /// The least and the greatest of them.
-    pub(crate) range: [f64; 2],
+    pub range: [f64; 2],
     /// What most of them are between: a few that are far off leave colors for the rest.
-    pub(crate) usual: [f64; 2],
+    pub usual: [f64; 2],
 }
 
 impl Shape {
     /// The numbers of a field: for each vertex here if it is one of vertices, else for each corner of each triangle.
-    pub(crate) fn field(&self, field: &Field) -> Vec<f32> {
+    pub fn field(&self, field: &Field) -> Vec<f32> {
         let attributes = match field.on {
             On::Vertex => self.mesh.vertex(),
             On::Corner => self.mesh.corner(),

@@ -103,7 +103,7 @@ fn a_patch_is_set_and_compared_like_a_graph() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let edited = |text: &str, set: &[(&str, &str)]| {
         let set = Vec::from_iter(set.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
-        Graph::edited(&path, text, &set, &catalog, &Options::default())
+        maquette::edit::edited(&path, text, &set, &catalog, &Options::default())
     };
     let text = std::fs::read_to_string(&path).unwrap();
     let new =

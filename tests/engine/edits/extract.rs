@@ -24,7 +24,7 @@ fn extract_with(
     extraction: &Extraction,
     options: &Options,
 ) -> Result<Extracted, String> {
-    let done = Graph::extract(Path::new(HERE), text, extraction, catalog(), options);
+    let done = maquette::edit::extract(Path::new(HERE), text, extraction, catalog(), options);
     done.map_err(|problems| told(&problems))
 }
 
@@ -170,7 +170,8 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
     assert!(done.edited.text.contains("use: { \"All\": \"lib/all.ron\" }"));
     assert!(done.edited.text.contains("Closed(\"whole.skin\")"), "{}", done.edited.text);
     let options = with_skin().with_text("nowhere/lib/all.ron", &done.text[..]);
-    let back = Graph::inline(Path::new(HERE), &done.edited.text, "whole", catalog(), &options);
+    let back =
+        maquette::edit::inline(Path::new(HERE), &done.edited.text, "whole", catalog(), &options);
     // Its first output was named.
     let was = scan().replace("Closed(\"skin.mesh\")", "Closed(\"skin\")");
     assert_eq!(back.map(|back| back.text).map_err(|it| told(&it)), Ok(was));
@@ -194,7 +195,7 @@ fn a_use_goes_into_a_folder_that_is_not_there_yet() {
     let path = put("graph.ron", text);
     let to = Some(folder.path().join("new/deep/part.ron"));
     let wanted = Extraction { nodes: vec!["b".into()], to, ..Extraction::default() };
-    let done = Graph::extract(&path, text, &wanted, catalog(), &Options::default());
+    let done = maquette::edit::extract(&path, text, &wanted, catalog(), &Options::default());
     let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
     assert!(done.text.contains(r#"use: { "Moved": "../../moved.ron" }"#), "{}", done.text);
 }
@@ -206,7 +207,8 @@ fn lines_end_and_begin_as_they_do_in_the_graph() {
         let done = extract_with(text, &wanted, &with_skin()).unwrap();
         let options = with_skin().with_text("nowhere/mark.ron", &done.text[..]);
         let new = &done.edited.text;
-        let back = Graph::inline(Path::new(HERE), new, "mark", catalog(), &options).unwrap();
+        let back =
+            maquette::edit::inline(Path::new(HERE), new, "mark", catalog(), &options).unwrap();
         assert_eq!(back.text, text);
         (done.edited.text, done.text)
     };
@@ -258,7 +260,7 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
         .with_text(folder.join("read.ron"), read);
     let nodes = ["each", "used", "own", "given", "all"];
     let wanted = wish(&nodes, folder.join("sub/new.ron").to_str().unwrap());
-    let done = Graph::extract(&path, text, &wanted, catalog(), &options);
+    let done = maquette::edit::extract(&path, text, &wanted, catalog(), &options);
     let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
     expect![[r#"
         Graph(
@@ -279,12 +281,12 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
     "#]]
     .assert_eq(&done.text);
     let options = options.with_text(&done.path, &done.text[..]);
-    let back = Graph::inline(&path, &done.edited.text, "new", catalog(), &options);
+    let back = maquette::edit::inline(&path, &done.edited.text, "new", catalog(), &options);
     assert_eq!(back.map(|back| back.text).map_err(|problems| told(&problems)), Ok(text.to_owned()));
     // With other values for its parameter, or none.
     let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
     let inlined = |text: &str| {
-        let done = Graph::inline(&path, text, "new", catalog(), &options);
+        let done = maquette::edit::inline(&path, text, "new", catalog(), &options);
         let text = done.map(|edited| edited.text).unwrap_or_else(|problems| told(&problems));
         text.lines().find(|line| line.contains("given\": ")).unwrap_or(&text).trim().to_owned()
     };
@@ -512,12 +514,12 @@ fn a_file_that_is_there_is_not_replaced() {
     let path = folder.path().join("doll.ron");
     std::fs::write(folder.path().join("new.ron"), "mine").unwrap();
     let wanted = Extraction { to: Some(folder.path().join("new.ron")), ..wish(&["red"], "") };
-    let refused = Graph::extract(&path, DOLL, &wanted, catalog(), &Options::default());
+    let refused = maquette::edit::extract(&path, DOLL, &wanted, catalog(), &Options::default());
     assert!(told(&refused.unwrap_err()).contains("new.ron` is there already"));
     // One that an editor has not saved is there, too.
     let other = Extraction { to: Some(folder.path().join("other.ron")), ..wish(&["red"], "") };
     let options = Options::default().with_text(folder.path().join("other.ron"), "mine");
-    let refused = Graph::extract(&path, DOLL, &other, catalog(), &options);
+    let refused = maquette::edit::extract(&path, DOLL, &other, catalog(), &options);
     assert!(told(&refused.unwrap_err()).contains("other.ron` is there already"));
 }
 
@@ -533,7 +535,8 @@ fn nothing_is_computed_anew() {
     assert_eq!(first.trace().count(State::Failed), 0);
     let nodes = ["red", "spots", "nose", "normal", "net", "raised"];
     let wanted = wish(&nodes, path.with_file_name("zz/nose.ron").to_str().unwrap());
-    let done = Graph::extract(&path, DOLL, &wanted, catalog(), &Options::default()).unwrap();
+    let done =
+        maquette::edit::extract(&path, DOLL, &wanted, catalog(), &Options::default()).unwrap();
     let options = Options::default().with_text(&done.path, &done.text[..]);
     let count = |text: &str, evaluator: &mut Evaluator| {
         let graph = load(text, &options);
@@ -542,7 +545,8 @@ fn nothing_is_computed_anew() {
     };
     let (computed, all) = count(&done.edited.text, &mut evaluator);
     assert_eq!((computed, all), (0, first.trace().0.len()));
-    let inlined = Graph::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
+    let inlined =
+        maquette::edit::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
     assert_eq!(inlined.text, DOLL);
     assert_eq!(count(&inlined.text, &mut evaluator).0, 0);
     // Another name alone computes nothing either, but another value does.

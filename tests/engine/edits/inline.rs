@@ -45,7 +45,7 @@ fn options(lift: &str) -> Options {
 }
 
 fn inlined(text: &str, lift: &str, node: &str) -> Result<String, String> {
-    let done = Graph::inline(Path::new(HERE), text, node, catalog(), &options(lift));
+    let done = maquette::edit::inline(Path::new(HERE), text, node, catalog(), &options(lift));
     done.map(|edited| edited.text).map_err(|problems| told(&problems))
 }
 
@@ -186,7 +186,7 @@ fn types_of_the_used_graph_come_along() {
         options(&inner).with_text("nowhere/lib/low.ron", low).with_text("nowhere/skin.ron", low);
     let twice = "        \"up\": Lift(mesh: \"mesh\"),\n        \"down\": Lift(mesh: \"up\"),\n";
     let text = outer("", twice, "    outputs: { \"a.ply\": \"down\" },\n");
-    let first = Graph::inline(Path::new(HERE), &text, "down", catalog(), &options);
+    let first = maquette::edit::inline(Path::new(HERE), &text, "down", catalog(), &options);
     let first = first.map(|it| it.text).unwrap_or_else(|why| told(&why));
     expect![[r#"
         Graph(
@@ -209,7 +209,7 @@ fn types_of_the_used_graph_come_along() {
             expect: [Closed("smooth"), Near(of: "lifted", to: "all", max: 900.0)],
         )
     "#]].assert_eq(&first);
-    let both = Graph::inline(Path::new(HERE), &first, "up", catalog(), &options);
+    let both = maquette::edit::inline(Path::new(HERE), &first, "up", catalog(), &options);
     expect![[r#"
         Graph(
             format: 1,
@@ -270,7 +270,8 @@ fn what_nodes_alone_cannot_say_is_refused() {
     std::fs::write(folder.path().join("lib/lift.ron"), patch).unwrap();
     std::fs::write(folder.path().join("lib/other.ron"), LIFT).unwrap();
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let done = Graph::inline(&folder.path().join("graph.ron"), &text, "up", catalog(), &options);
+    let done =
+        maquette::edit::inline(&folder.path().join("graph.ron"), &text, "up", catalog(), &options);
     let folder = folder.path().display().to_string();
     all.push(told(&done.unwrap_err()).replace(&folder, ""));
     expect![[r#"
@@ -298,7 +299,7 @@ fn uses_of_all_graphs_give_way_to_their_nodes() {
             continue;
         }
         for node in Sketch::of(&text).nodes.iter().filter(|node| uses(&node.kind)) {
-            match Graph::inline(&path, &text, &node.name, catalog(), &options) {
+            match maquette::edit::inline(&path, &text, &node.name, catalog(), &options) {
                 Ok(edited) => {
                     done += 1;
                     let count = |text: &str| Sketch::of(text).nodes.len();
@@ -358,8 +359,10 @@ fn nothing_is_computed_anew() {
     };
     let (first, all) = computed(&text);
     assert!(first > 10);
-    let once = Graph::inline(&path, &text, "nose", catalog(), &Options::default()).unwrap();
+    let once =
+        maquette::edit::inline(&path, &text, "nose", catalog(), &Options::default()).unwrap();
     assert_eq!(computed(&once.text), (0, all));
-    let twice = Graph::inline(&path, &once.text, "model", catalog(), &Options::default()).unwrap();
+    let twice =
+        maquette::edit::inline(&path, &once.text, "model", catalog(), &Options::default()).unwrap();
     assert_eq!(computed(&twice.text), (0, all));
 }

@@ -213,7 +213,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
         }
     }
     // What stands on lines of its own stays in the canonical form.
-    let form = |text: &str| Graph::formatted(path, text).ok();
+    let form = |text: &str| maquette::edit::formatted(path, text).ok();
     let of_nodes = match edit {
         Edit::Add { .. } => true,
         Edit::Remove { and_links, .. } => !and_links,

@@ -56,7 +56,7 @@ fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
 
 /// A text in its canonical form with one spelling of each link: the first output of a node has two.
 fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
-    let mut text = Graph::formatted(path, text).unwrap();
+    let mut text = maquette::edit::formatted(path, text).unwrap();
     for output in outputs {
         let node = output.split('.').next().unwrap_or("");
         text = text.replace(&format!("\"{output}\""), &format!("\"{node}\""));
@@ -95,7 +95,7 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     let holds = |what: bool, words: String| if what { Ok(()) } else { Err(words) };
     let after = &new.edited.text;
     let texts = || format!("{after}\n--- {}\n{}", new.path.display(), new.text);
-    let form = |text: &str| Graph::formatted(path, text).unwrap();
+    let form = |text: &str| maquette::edit::formatted(path, text).unwrap();
     holds(form(&new.text) == new.text, format!("the new graph has no form:\n{}", texts()))?;
     // Links are longer than they were, so that what has them may no longer fit on its line; the use itself has its form.
     let own = |text: &str| {
@@ -126,7 +126,7 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     holds(odd.is_empty(), format!("{odd:?} is new in\n{}", texts()))?;
 
     let inside = options().with_text(&new.path, new.text.clone());
-    let inlined = Graph::inline(path, after, &new.name, catalog(), &inside);
+    let inlined = maquette::edit::inline(path, after, &new.name, catalog(), &inside);
     let back = inlined.map_err(|found| format!("{}\n{}", told(&found), texts()))?.text;
     let sketch = Sketch::of(text);
     let twice = twice_spelled(text, &sketch);
@@ -178,7 +178,7 @@ fn what_is_extracted_comes_back_by_inlining() {
                 _ => path.parent().unwrap().with_file_name("zz-part.ron"),
             };
             let extraction = Extraction { nodes, to: Some(to), ..Extraction::default() };
-            let done = Graph::extract(path, text, &extraction, catalog(), &options());
+            let done = maquette::edit::extract(path, text, &extraction, catalog(), &options());
             let judged = match &done {
                 Ok(new) => {
                     counts.lock().unwrap().0 += 1;

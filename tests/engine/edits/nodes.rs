@@ -41,7 +41,7 @@ fn a_long_node_is_broken_as_fmt_breaks_it() {
     let points = format!("[{}]", ["[(0, 0, 0), (100, 0, 0), (200, 0, 0)]"; 3].join(", "));
     let text = edited(DOLL, &[add("points", "PointNet", &[("points", &points)], Some("red"))]);
     let text = text.unwrap();
-    assert_eq!(Graph::formatted(Path::new("x"), &text).unwrap(), text);
+    assert_eq!(maquette::edit::formatted(Path::new("x"), &text).unwrap(), text);
     let tabs = edited(
         &DOLL.replace("    ", "\t").replace('\n', "\r\n"),
         &[add("points", "PointNet", &[("points", &points)], Some("red"))],

@@ -90,7 +90,7 @@ fn what_is_set_for_one_run_counts_for_drafts_and_final_results() {
 fn set(target: &str, value: &str, draft: bool) -> String {
     let edit = Edit::Set { target: target.into(), value: value.into() };
     let options = Options { draft, ..Options::default() };
-    let edited = Graph::edit(&path(), TEXT, &[edit], &Catalog::new(PACKS), &options);
+    let edited = maquette::edit::edit(&path(), TEXT, &[edit], &Catalog::new(PACKS), &options);
     edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
 }
 
@@ -116,7 +116,7 @@ fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
     let edit = |target: &str, value: &str| {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
-        Graph::edit(&path(), &text, &[edit], &Catalog::new(PACKS), &options)
+        maquette::edit::edit(&path(), &text, &[edit], &Catalog::new(PACKS), &options)
     };
     let edited = edit("levels", "0").unwrap();
     assert!(edited.text.contains("default: Draft(final: 3, draft: 0)"), "{}", edited.text);
@@ -153,7 +153,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
         let text = std::fs::read_to_string(path).unwrap();
-        Graph::edit(path, &text, &[edit], &Catalog::new(PACKS), &options)
+        maquette::edit::edit(path, &text, &[edit], &Catalog::new(PACKS), &options)
     };
     for (target, value, put) in [
         ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
@@ -194,8 +194,13 @@ fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
     let options = Options { draft: true, ..Options::default() };
     let path = folder.path().join("patch.ron");
     let edited = |text: &str| {
-        let edited =
-            Graph::edit(&path, text, std::slice::from_ref(&edit), &Catalog::new(PACKS), &options);
+        let edited = maquette::edit::edit(
+            &path,
+            text,
+            std::slice::from_ref(&edit),
+            &Catalog::new(PACKS),
+            &options,
+        );
         edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
     };
     let own = edited(&patch(", params: { \"levels\": 2 }"));

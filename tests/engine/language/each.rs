@@ -9,10 +9,9 @@ use maquette::{
     State, Summary, Value, Wanted, node, value_type,
 };
 use nalgebra::Point3;
+use regions::{Center, Collect, grid};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use regions::{Center, Collect, grid};
 
 #[path = "../../common/regions.rs"]
 mod regions;
@@ -562,7 +561,9 @@ fn data_that_fail_are_told_once() {
 fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
     let links = |node: &str| {
         let nodes = r#"nodes: { "one": Along(at: 1), "sum": NODE, "all": Collect(points: "sum") }, outputs: { "all.ply": "all" }"#;
-        graph(&nodes.replace("NODE", node)).to_svg(&Catalog::new(&[&PACK])).matches("<path").count()
+        maquette::diagram::to_svg(&graph(&nodes.replace("NODE", node)), &Catalog::new(&[&PACK]))
+            .matches("<path")
+            .count()
     };
     let each = r#"ForEach(graph: "Add", over: "one", each: "point", links: (sum: "one"))"#;
     assert_eq!(links(each), links(r#"Add(sum: "one", point: "one")"#));

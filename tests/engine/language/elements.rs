@@ -26,7 +26,8 @@ fn folder() -> tempfile::TempDir {
 fn set(path: &Path, target: &str, value: &str) -> Result<(String, String), String> {
     let edit = Edit::Set { target: target.to_owned(), value: value.to_owned() };
     let text = std::fs::read_to_string(path).unwrap();
-    let edited = Graph::edit(path, &text, &[edit], &Catalog::new(PACKS), &Options::default());
+    let edited =
+        maquette::edit::edit(path, &text, &[edit], &Catalog::new(PACKS), &Options::default());
     let said = |problems: Vec<maquette::Problem>| {
         assert_eq!(problems.len(), 1, "{problems:?}");
         format!("{} ({})", problems[0].message, problems[0].help)

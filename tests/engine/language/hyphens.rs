@@ -133,7 +133,7 @@ fn edits_write_fields_and_understand_them() {
     let options = Options::default().with_text(place.0.path().join("up.ron"), UP);
     let plain = USING.replace(", other_one: \"m\", eye_step: Param(\"eye-step\")", "");
     let edit = |text: &str, edits: &[Edit]| {
-        Graph::edit(&path, text, edits, &catalog, &options).unwrap().text
+        maquette::edit::edit(&path, text, edits, &catalog, &options).unwrap().text
     };
     let set = edit(&plain, &[Edit::Set { target: "up.eye_step".into(), value: "3.5".into() }]);
     assert!(set.contains("Up(the_mesh: \"m\", eye_step: 3.5)"), "{set}");
@@ -141,7 +141,7 @@ fn edits_write_fields_and_understand_them() {
     let linked = edit(&plain, &[link]);
     assert!(linked.contains("Up(the_mesh: \"m\", other_one: \"m\")"), "{linked}");
     std::fs::write(place.0.path().join("up.ron"), UP).unwrap();
-    let inlined = Graph::inline(&path, USING, "up", &catalog, &options).unwrap().text;
+    let inlined = maquette::edit::inline(&path, USING, "up", &catalog, &options).unwrap().text;
     assert!(
         inlined.contains("Transform(mesh: \"m\", translate: (0.0, Param(\"eye-step\"), 0))"),
         "{inlined}"

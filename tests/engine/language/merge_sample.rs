@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use maquette::{Catalog, Graph, Source};
+use maquette::{Catalog, Source};
 use maquette_nodes::PACKS;
 
 #[test]
@@ -16,9 +16,10 @@ fn the_sample_is_what_comes_of_both_sides() {
     let [base, ours, theirs, merged] =
         ["base.ron", "ours.ron", "theirs.ron", "merged.ron"].map(source);
     for [ours, theirs] in [[&ours, &theirs], [&theirs, &ours]] {
-        let found = Graph::merge(&merged.name, [&base, ours, theirs], &Catalog::new(PACKS));
+        let found =
+            maquette::edit::merge(&merged.name, [&base, ours, theirs], &Catalog::new(PACKS));
         assert_eq!((found.conflicts.len(), found.problems.len()), (0, 0), "{found:?}");
     }
-    let found = Graph::merge(&merged.name, [&base, &ours, &theirs], &Catalog::new(PACKS));
+    let found = maquette::edit::merge(&merged.name, [&base, &ours, &theirs], &Catalog::new(PACKS));
     assert_eq!(found.text, merged.text);
 }

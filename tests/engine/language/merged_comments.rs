@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Mutex;
 
-use maquette::{Catalog, Edit, Graph, Merge, Options, Source};
+use maquette::{Catalog, Edit, Merge, Options, Source};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
@@ -115,15 +115,15 @@ fn edited(
     let by = |edit: fn(String) -> Edit| {
         let name = (!names.is_empty()).then(|| place.get(&names));
         let edit = edit(name.map_or_else(String::new, |it| text[it.1 + 1..it.2 - 1].to_owned()));
-        let edited = Graph::edit(path, text, &[edit], catalog, &Options::default());
+        let edited = maquette::edit::edit(path, text, &[edit], catalog, &Options::default());
         edited.map_or_else(|_| text.to_owned(), |edited| edited.text)
     };
     match what.index(12) {
         0 => (text.replace('\n', "\r\n"), Leaves::Places),
         1 => (text.replace("\n    ", "\n  "), Leaves::Places),
-        2 => (Graph::formatted(path, text).unwrap(), Leaves::Comments),
+        2 => (maquette::edit::formatted(path, text).unwrap(), Leaves::Comments),
         3 => {
-            let short = Graph::minimal(path, text, catalog, &Options::default());
+            let short = maquette::edit::minimal(path, text, catalog, &Options::default());
             (short.unwrap(), Leaves::Comments)
         }
         4 => (by(|from| Edit::Rename { to: format!("{from}-2"), from }), Leaves::Places),
@@ -138,7 +138,7 @@ fn edited(
 
 fn merge(path: &Path, texts: [&str; 3], catalog: &Catalog) -> Merge {
     let sources = texts.map(|text| Source { name: path.to_owned(), text: text.to_owned() });
-    Graph::merge(path, sources.each_ref(), catalog)
+    maquette::edit::merge(path, sources.each_ref(), catalog)
 }
 
 /// How often each of the comments of a text stands in another one.

@@ -50,7 +50,7 @@ fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let source = |text: &str| Source { name: "graph.ron".into(), text: text.to_owned() };
     let [base, ours, theirs] = [base, ours, theirs].map(source);
-    Graph::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
+    maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
 }
 
 type Edits = &'static [(&'static str, &'static str)];
@@ -271,7 +271,7 @@ fn a_default_that_is_written_out_or_left_out_is_no_change() {
     let written = with(BASE, &[("range: \"blended\")", "range: \"blended\", jump: 6.0)")]);
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let path = "graph.ron".as_ref();
-    let short = Graph::minimal(path, &written, &catalog, &Options::default()).unwrap();
+    let short = maquette::edit::minimal(path, &written, &catalog, &Options::default()).unwrap();
     assert!(!short.contains("jump"), "the default has another value now: {short}");
     let changed = with(&written, &[("jump: 6.0", "jump: 5.0")]);
     for (ours, theirs) in [(&short, &changed), (&changed, &short)] {
@@ -305,7 +305,7 @@ fn what_cannot_be_read_is_merged_by_lines_and_nothing_is_lost() {
         let names = ["base.ron", "ours.ron", "theirs.ron"];
         let [base, ours, theirs] =
             [0, 1, 2].map(|k| Source { name: names[k].into(), text: texts[k].to_owned() });
-        Graph::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
+        maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
     };
     let ours = with(BASE, &[(FAR, "distance: 25.0")]);
     let broken = with(BASE, &[(FAR, "distance: (20.0")]);

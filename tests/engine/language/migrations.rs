@@ -160,17 +160,13 @@ fn names_units_words_and_places_change_over_several_versions() {
 fn names_that_go_in_a_circle_come_to_an_end() {
     const PACK: Pack = Pack {
         name: "circle",
-        nodes: &[],
-        values: &[],
-        formats: &[],
-        readers: &[],
-        recipes: &[],
         migrations: &[
             Migration::Node { old: "A", new: "B" },
             Migration::Node { old: "B", new: "A" },
             Migration::Field { node: "Label", old: "a", new: "b", value: NewValue::Same },
             Migration::Field { node: "Label", old: "b", new: "a", value: NewValue::Same },
         ],
+        ..Pack::EMPTY
     };
     let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&PACK]].concat());
     let text = "Graph(format: 1, nodes: {\"x\": A(), \"y\": Label(a: 1)}, outputs: {})";
@@ -251,7 +247,8 @@ fn an_unknown_node_loses_nothing_to_fmt_and_edits() {
         Edit::Rename { from: "ball".into(), to: "globe".into() },
     ];
     let edited =
-        Graph::edit("graph.ron".as_ref(), FOREIGN, &edits, &catalog, &ignoring_files()).unwrap();
+        maquette::edit::edit("graph.ron".as_ref(), FOREIGN, &edits, &catalog, &ignoring_files())
+            .unwrap();
     let expected = FOREIGN
         .replace(
             "\"big\": Transform(mesh: \"ball\", scale: (2.0, 2.0, 2.0)",
@@ -260,6 +257,6 @@ fn an_unknown_node_loses_nothing_to_fmt_and_edits() {
         .replace("9000", "10")
         .replace("\"ball\"", "\"globe\"");
     assert_eq!(edited.text, expected);
-    let form = Graph::formatted("graph.ron".as_ref(), FOREIGN).unwrap();
+    let form = maquette::edit::formatted("graph.ron".as_ref(), FOREIGN).unwrap();
     assert!(form.contains("HairStrands(on: \"ball\", count: 9000), // many"), "{form}");
 }

@@ -13,7 +13,7 @@ fn graphs() -> PathBuf {
 }
 
 fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
-    Graph::minimal(path, text, catalog, &Options::default())
+    maquette::edit::minimal(path, text, catalog, &Options::default())
         .unwrap_or_else(|problems| panic!("{}: {problems:?}", path.display()))
 }
 
@@ -31,7 +31,7 @@ fn every_graph_says_the_same_without_its_defaults_and_again() {
     let mut shorter = 0;
     for path in &paths {
         let text = std::fs::read_to_string(path).unwrap();
-        let form = Graph::formatted(path, &text).unwrap();
+        let form = maquette::edit::formatted(path, &text).unwrap();
         let short = minimal(path, &text, &catalog);
         assert_eq!(minimal(path, &short, &catalog), short, "{}", path.display());
         assert_eq!(comments(&form), comments(&short), "{}", path.display());

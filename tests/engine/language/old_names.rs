@@ -104,7 +104,8 @@ fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
     let edited = |now: bool, target: &str, value: &str| {
         let (text, set) = (graph_of_nodes(now), [(target.to_owned(), value.to_owned())]);
         let edited =
-            Graph::edited(Path::new("graph.ron"), &text, &set, &catalog, &options(&[])).unwrap();
+            maquette::edit::edited(Path::new("graph.ron"), &text, &set, &catalog, &options(&[]))
+                .unwrap();
         let line = edited.text.lines().find(|line| line.contains("\"one\":")).unwrap();
         (line.trim().to_owned(), edited.changes[0].clone())
     };

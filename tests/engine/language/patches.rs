@@ -155,7 +155,8 @@ fn a_name_that_stands_twice_in_a_patch_is_told_at_the_second_one_and_nothing_is_
         assert_eq!(problems(&path), [message]);
         let set = [("far".to_owned(), "7".to_owned())];
         let text = fs::read_to_string(&path).unwrap();
-        let edited = Graph::edited(&path, &text, &set, &Catalog::new(PACKS), &Options::default());
+        let edited =
+            maquette::edit::edited(&path, &text, &set, &Catalog::new(PACKS), &Options::default());
         assert_eq!(Vec::from_iter(edited.unwrap_err().iter().map(told)), [message]);
     }
 }
@@ -172,10 +173,11 @@ fn set(
     let text = fs::read_to_string(&path).unwrap();
     let options = Options { draft, ..Options::default() };
     let set = [(target.to_owned(), value.to_owned())];
-    let edited = Graph::edited(&path, &text, &set, &Catalog::new(PACKS), &options);
+    let edited = maquette::edit::edited(&path, &text, &set, &Catalog::new(PACKS), &options);
     let edited = edited.map_err(|problems| problems[0].message.clone())?;
     // On the graph itself, the same is said.
-    let graph = Graph::edited(&project.path("g.ron"), GRAPH, &set, &Catalog::new(PACKS), &options);
+    let graph =
+        maquette::edit::edited(&project.path("g.ron"), GRAPH, &set, &Catalog::new(PACKS), &options);
     if patch.is_empty() {
         assert_eq!(edited.changes[0].after, graph.unwrap().changes[0].after);
     }

@@ -214,11 +214,11 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
     let catalog = Catalog::new(PACKS);
     let set = |value: &str| {
         let set = [("growth".to_owned(), value.to_owned())];
-        Graph::edited(&path, &text, &set, &catalog, &Options::default())
+        maquette::edit::edited(&path, &text, &set, &catalog, &Options::default())
     };
     let edited = set("cm(1.2)").unwrap();
     assert_eq!(edited.text, text.replace("default: 12.0", "default: cm(1.2)"));
-    assert_eq!(Graph::formatted(&path, &edited.text).unwrap(), edited.text);
+    assert_eq!(maquette::edit::formatted(&path, &edited.text).unwrap(), edited.text);
     let problems = set("px(3)").unwrap_err();
     assert_eq!(problems[0].message, "parameter `growth` is in mm, but `px(3)` is in px");
     assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50 mm, but must be"));

@@ -62,7 +62,8 @@ fn the_unit_before_a_vector_is_that_of_each_of_its_numbers() {
         let edits = [Edit::Set { target: "moved.translate.1".into(), value: value.into() }];
         let (path, options) = (Path::new("graph.ron"), Options::default());
         let text = graph("cm(1, 0, 2)", "");
-        let edited = Graph::edit(path, &text, &edits, &Catalog::new(PACKS), &options).unwrap().text;
+        let edited =
+            maquette::edit::edit(path, &text, &edits, &Catalog::new(PACKS), &options).unwrap().text;
         assert_eq!(at(&edited, "moved", &[]), Ok([11.0, moved, 20.0]), "{edited}");
     }
     let each = r#""each": ForEach(graph: "Transform", over: [(translate: m(1, 0, 0))], links: (mesh: "point")),"#;
@@ -91,6 +92,7 @@ fn set_keeps_the_unit_as_it_is_given() {
     let (target, value) = ("moved.translate".to_owned(), "cm(1, 2, 3)".to_owned());
     let edits = [Edit::Set { target, value }];
     let options = Options::default();
-    let edited = Graph::edit(Path::new("graph.ron"), &text, &edits, &Catalog::new(PACKS), &options);
+    let edited =
+        maquette::edit::edit(Path::new("graph.ron"), &text, &edits, &Catalog::new(PACKS), &options);
     assert_eq!(edited.unwrap().text, graph("cm(1, 2, 3)", ""));
 }

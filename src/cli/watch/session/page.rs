@@ -4,6 +4,8 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
+use maquette_edit::{Edit, Edited, Put};
+use maquette_graph::{Checked, Graph};
 use maquette_syntax::error::Severity;
 use maquette_value::Hash;
 use maquette_value::plain;
@@ -13,7 +15,6 @@ use crate::cli::edit::GraphFile;
 use crate::cli::watch::Watch;
 use crate::cli::watch::drag::Values;
 use crate::cli::watch::worker::Purpose;
-use crate::graph::{Checked, Edit, Edited, Graph, Put};
 
 impl<'a> Session<'a> {
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
