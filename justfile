@@ -56,20 +56,20 @@ processors *args:
 
 # Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
 law sequences="1000000":
-    LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law
+    LAW_SEQUENCES={{sequences}} cargo test --release -p maquette-engine --lib law
 
 # Moves each of so many entries of each kind of value by a little less and a little more than each bound of its golden.
 verdicts places="100000":
-    PLACES={{places}} cargo test --release -p maquette --lib mutations
+    PLACES={{places}} cargo test --release -p maquette-golden --lib mutations
 
 sequences count="2000":
-    SEQUENCES={{count}} cargo test --release -p maquette-nodes --test commands sequences
+    SEQUENCES={{count}} cargo test --release -p maquette-program --test commands sequences
 
 # Are the types of the live page's scripts and of the contact sheet's right? Installs the checker from npm beside the build.
 page:
     bash tests/sheet/install
     target/sheet/node_modules/.bin/tsc --project page
-    target/sheet/node_modules/.bin/tsc --project src/batch/sheet
+    target/sheet/node_modules/.bin/tsc --project src/cli/tasks/sheet
 
 # The contact sheet of a batch in a real Chromium. What drives it comes from npm.
 sheet *args:

@@ -2,7 +2,7 @@
 //! first run after that, which looks at outputs that were too young to be believed, and when nothing has changed; and the greatest memory of
 //! the program.
 //!
-//! `cargo bench -p maquette-nodes --bench batch`
+//! `cargo bench -p maquette-program --bench batch`
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 const SMALL: &str = r#"Graph(
     format: 1,

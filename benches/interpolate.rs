@@ -1,6 +1,6 @@
 //! How long does it take to find the control mesh of a subdivision surface through given vertices, with two threads, everything
 //! included, and how much memory? On the meshes of the peers' benchmarks, if they are there, else on tori like these.
-//! `cargo bench -p maquette-nodes --bench interpolate -- WORD` runs the rows whose names have the word.
+//! `cargo bench -p maquette-tests --bench interpolate -- WORD` runs the rows whose names have the word.
 //! Each row of the table shows its bar.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]

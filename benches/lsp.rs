@@ -1,7 +1,7 @@
 //! How soon an editor has its answers, at a graph of 500 nodes that uses another one: each kind of request a hundred times, at as many places,
 //! each behind a keystroke.
 //!
-//! `cargo bench -p maquette-nodes --bench lsp` prints medians and the 95th of a hundred, in ms.
+//! `cargo bench -p maquette-program --bench lsp` prints medians and the 95th of a hundred, in ms.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use lsp_server::{Connection, Message, Notification, Request};
-use maquette::lsp::{Setup, serve};
 use maquette::{CacheFolder, Session, Settings};
+use maquette_lsp::{Setup, serve};
 use serde_json::{Value as Json, json};
 
 const NODES: usize = 500;

@@ -10,7 +10,7 @@
 //! - what 500 edits leave in memory (nothing),
 //! - how long until eight pages show a save.
 //!
-//! `cargo bench -p maquette-nodes --bench page` takes some eight minutes, four of them to draw without a card what is large, and needs Chromium.
+//! `cargo bench -p maquette-program --bench page` takes some eight minutes, four of them to draw without a card what is large, and needs Chromium.
 //! Words say what is measured alone: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
 
 use std::io::{BufRead, BufReader, Write};
@@ -29,7 +29,7 @@ mod browser;
 
 use browser::Browser;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 fn main() {
     let wanted = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with("--")));

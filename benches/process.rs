@@ -8,7 +8,7 @@ fn main() {
     divan::main();
 }
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// `maquette run graphs/doll.ron` with two threads, nothing cached.
 #[divan::bench(sample_count = 21, sample_size = 1)]

@@ -1,5 +1,5 @@
 //! How long does it take to make a skin of points, with two threads, everything included, and how near is it to the surface that the
-//! points were taken from? `cargo bench -p maquette-nodes --bench reconstruct -- WORD` runs the rows whose names have the word.
+//! points were taken from? `cargo bench -p maquette-tests --bench reconstruct -- WORD` runs the rows whose names have the word.
 //!
 //! Points lie evenly on a torus; noise is normal, its deviation a part of the diagonal of the points' box. Distances are root mean
 //! squares over the vertices, in the mean distance of points. The bar for 100 000 points is 2 s and 0.5 distances.

@@ -6,7 +6,7 @@
 //! - how much processor time a watch takes that has nothing to do (none that can be measured),
 //! - how much memory 10 000 saves of different values take (none, once as many results are kept as are ever kept).
 //!
-//! `cargo bench -p maquette-nodes --bench watch` takes half a minute; `-- 10000` adds that many saves for the last question.
+//! `cargo bench -p maquette-program --bench watch` takes half a minute; `-- 10000` adds that many saves for the last question.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 const SAVES: usize = 200;
 const IDLE: Duration = Duration::from_secs(10);
 

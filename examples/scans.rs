@@ -32,7 +32,7 @@ Sweep(
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args_os().skip(1).map(PathBuf::from);
     let folder = words.next().ok_or("write the folder of the new project behind `--`")?;
-    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
+    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     fs::create_dir_all(&folder)?;
     fs::write(folder.join("maquette.toml"), "")?;
     fs::write(folder.join("cleanup.sweep.ron"), SWEEP)?;

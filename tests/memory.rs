@@ -75,7 +75,7 @@ fn evaluated(path: &Path, memory: usize) -> (Evaluator, usize) {
 }
 
 fn graphs() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs")
 }
 
 #[test]

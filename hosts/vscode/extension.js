@@ -108,7 +108,7 @@ function refusal(program, cwd) {
 /** @param {string} why */
 async function complain(why) {
   const [where, again] = ["Say where it is", "Try again"];
-  const help = "Install it from its sources by `cargo install --path nodes`, or say in the setting `maquette.path` where it is.";
+  const help = "Install it from its sources by `cargo install --path src/program`, or say in the setting `maquette.path` where it is.";
   const answer = await window.showErrorMessage(`${why} ${help}`, where, again);
   if (answer === where) await commands.executeCommand("workbench.action.openSettings", "maquette.path");
   if (answer === again) await restart();

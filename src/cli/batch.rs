@@ -5,6 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args;
+use maquette_engine::eval::Observer;
+use maquette_engine::session::Session;
+use maquette_golden::sweep::Sweep;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
@@ -19,16 +22,15 @@ use super::{
     Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_document, print_json,
     put_problems, report,
 };
-use crate::batch::{
-    self, Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
-    at_a_time, default_folder,
+use crate::tasks as batch;
+use crate::tasks::{
+    Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, at_a_time,
+    default_folder,
 };
-use crate::eval::Observer;
-use crate::session::Session;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
 #[derive(Args)]
-pub(super) struct Batch {
+pub(crate) struct Batch {
     /// A file with a Sweep(..), or a graph, with --sweep and --scans.
     #[arg(value_name = "SWEEP")]
     file: PathBuf,
@@ -113,7 +115,11 @@ impl Batch {
         let options = self.options.all();
         // A farm runs each task by itself: trying all values for each would take as long as all of them squared.
         let is_part = self.task.is_some() || self.warm || self.report;
-        let read = if is_part { batch::read_untried } else { batch::read_text };
+        let read = if is_part {
+            maquette_golden::sweep::read_untried
+        } else {
+            maquette_golden::sweep::read_text
+        };
         let (sweep, problems) = read(&path, &text, catalog, &options);
         let Some(sweep) = sweep else {
             self.tell_problems(&problems);

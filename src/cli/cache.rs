@@ -4,14 +4,14 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
+use maquette_engine::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
+use maquette_engine::session::{CacheServer, default_folder, disk_size, size};
 use serde_json::json;
 
 use super::{Exit, counted, in_bytes, print, print_json};
-use crate::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
-use crate::session::{CacheServer, default_folder, disk_size, size};
 
 #[derive(Args)]
-pub(super) struct Cache {
+pub(crate) struct Cache {
     #[command(subcommand)]
     action: Action,
     /// The folder [default: $MAQUETTE_CACHE, or `maquette` in the system's folder for caches].

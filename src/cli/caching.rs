@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
+use maquette_engine::session::{CacheFolder, CacheServer, Session, Settings, size};
 use maquette_graph::catalog::Catalog;
 
 use super::eprint;
-use crate::session::{CacheFolder, CacheServer, Session, Settings, size};
 
 /// How many bytes of memory results may hold if nothing is said.
 const DEFAULT_MEMORY: u64 = 2_000_000_000;

@@ -4,6 +4,8 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_engine::writing::{Turn, replace};
+use maquette_golden::suite::{FileKind, of_file, shared};
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Place, Problem, Severity, code};
 use serde_json::json;
@@ -11,11 +13,9 @@ use serde_json::json;
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
-use crate::suite::{FileKind, of_file, shared};
-use crate::writing::{Turn, replace};
 
 #[derive(Args)]
-pub(super) struct Check {
+pub(crate) struct Check {
     /// The graph files, folders whose `.ron` files are all taken, or `-` for stdin. Test files are checked with the graphs that
     /// they are about, files of handles as what they are.
     #[arg(required = true, value_name = "GRAPH")]

@@ -5,15 +5,15 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_golden::compare::in_unit;
+use maquette_golden::{Keep, Tolerance, Verdict, compare};
 use maquette_graph::catalog::Catalog;
 use maquette_value::AnyValue;
 
 use super::{Exit, eprint, print, print_json};
-use crate::golden::compare::in_unit;
-use crate::golden::{Keep, Tolerance, Verdict, compare};
 
 #[derive(Args)]
-pub(super) struct Compare {
+pub(crate) struct Compare {
     /// What it was: a file that some node reads, such as a mesh (ply, obj, glb, stl), a range image (pcd) or a picture (png, jpg, tiff).
     old: PathBuf,
     /// What it is.

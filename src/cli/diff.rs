@@ -14,7 +14,7 @@ use super::{Exit, print, print_json, report};
 ///
 /// For git: `git difftool -y -x 'maquette diff'`, or `GIT_EXTERNAL_DIFF='maquette diff' git diff`.
 #[derive(Args)]
-pub(super) struct Diff {
+pub(crate) struct Diff {
     /// The old and the new graph; or the seven arguments that git gives to GIT_EXTERNAL_DIFF.
     #[arg(required = true, num_args = 2..=9, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use maquette_diagram::Drawing;
+use maquette_engine::writing::{Destination, Sources};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, Options};
 use maquette_value::plain::ending;
 
 use super::{Exit, print_document, report};
-use crate::writing::{Destination, Sources};
 
 #[derive(Args)]
-pub(super) struct Draw {
+pub(crate) struct Draw {
     /// The graph file.
     graph: PathBuf,
     /// The file to write, by its ending SVG (`.svg`) or Graphviz's language (`.dot` or `.gv`); the terminal if left out.

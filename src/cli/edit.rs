@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use maquette_edit::{Edit as GraphEdit, Edited};
+use maquette_engine::writing::{Turn, replace};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, Options};
 use maquette_syntax::error::{Problem, Source};
 use maquette_value::plain;
 
 use super::{Exit, assignment, eprint, print, print_document, report};
-use crate::writing::{Turn, replace};
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
 #[derive(Args)]
-pub(super) struct Edit {
+pub(crate) struct Edit {
     /// The graph file.
     graph: PathBuf,
     #[command(subcommand)]

@@ -20,14 +20,14 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use maquette_engine::eval::{NodeTrace, Observer, RunTrace, State};
+use maquette_engine::session::Written;
 use maquette_node::CancelToken;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_syntax::telling::escaped;
 use serde_json::{Value as Json, json};
 
 use super::{print_as_it_is, put_problems};
-use crate::eval::{NodeTrace, Observer, RunTrace, State};
-use crate::session::Written;
 
 /// The progress of one node is not told more often than this.
 const SPACING: Duration = Duration::from_millis(100);

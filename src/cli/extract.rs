@@ -4,16 +4,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use maquette_edit::{Extracted, Extraction};
+use maquette_engine::writing::rewrite_with;
 use maquette_graph::catalog::Catalog;
 
 use super::edit::{EditError, GraphFile};
 use super::{Exit, print, print_document};
-use crate::writing::rewrite_with;
 
 /// Every value stays what it was, and nothing is computed anew. What names the nodes in other files, as a Patch, a test or a pin does,
 /// is left as it is. `inline` puts the nodes back.
 #[derive(Args)]
-pub(super) struct Extract {
+pub(crate) struct Extract {
     /// The graph file.
     graph: PathBuf,
     /// The nodes.

@@ -3,11 +3,10 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use maquette_golden::case;
 use maquette_graph::{LOCK_ENDING, PINS_ENDING};
 
 use super::serve::LAYOUT_ENDING;
-use crate::batch;
-use crate::golden::case;
 
 /// The files of some paths, and what could not be read. Of folders all `.ron` files, in the order of their names, and those of the
 /// folders in them, hidden ones left out. What programs keep beside graphs is passed over, unless it is all that is named.
@@ -37,7 +36,10 @@ pub(super) fn is_beside(path: &Path) -> bool {
 /// Whether the file is no graph by its name: the same, a test or a sweep.
 pub(super) fn is_no_graph(path: &Path) -> bool {
     let name = path.to_string_lossy();
-    is_beside(path) || [case::ENDING, batch::ENDING].iter().any(|ending| name.ends_with(ending))
+    is_beside(path)
+        || [case::ENDING, maquette_golden::sweep::ENDING]
+            .iter()
+            .any(|ending| name.ends_with(ending))
 }
 
 fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, io::Error)> {

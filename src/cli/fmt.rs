@@ -4,16 +4,16 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use maquette_graph::catalog::Catalog;
+use maquette_engine::writing::{Turn, replace};
 use maquette_graph::Options;
+use maquette_graph::catalog::Catalog;
 use maquette_value::plain;
 
 use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
-use crate::writing::{Turn, replace};
 
 #[derive(Args)]
-pub(super) struct Fmt {
+pub(crate) struct Fmt {
     /// The graph files, folders whose `.ron` files are all taken, or `-` for stdin to stdout.
     #[arg(required = true, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::Session;
+use maquette_engine::writing::{Destination, Refused, Sources};
 use maquette_format::png;
+use maquette_golden::suite::FileKind;
 use maquette_graph::catalog::{Catalog, Description, describe_default, describe_parameter};
 use maquette_graph::{Graph, Options, Subgraph};
 use maquette_render::{View, render};
@@ -17,12 +20,9 @@ use serde_json::Value as Json;
 use super::caching::CacheOptions;
 use super::files::is_no_graph;
 use super::{Exit, all_outputs, counted, eprint, print, report};
-use crate::session::Session;
-use crate::suite::FileKind;
-use crate::writing::{Destination, Refused, Sources};
 
 #[derive(Args)]
-pub(super) struct Gallery {
+pub(crate) struct Gallery {
     /// The folder of graphs. The page is its README.md, the pictures lie in `pictures/`.
     #[arg(default_value = "graphs", value_name = "FOLDER")]
     graphs: PathBuf,

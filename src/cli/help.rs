@@ -1,13 +1,13 @@
 //! `maquette help`: a topic of the language of graphs, or a command as clap explains it.
 
 use clap::{Args, CommandFactory};
+use maquette_lsp::language::{TOPICS, plain, topic, topics_about};
 use maquette_syntax::unknown;
 
 use super::{Cli, Exit, print, program};
-use crate::language::{TOPICS, plain, topic, topics_about};
 
 #[derive(Args)]
-pub(super) struct Help {
+pub(crate) struct Help {
     /// A topic of the language of graphs, or a command; without it, both are listed.
     #[arg(value_name = "TOPIC|COMMAND")]
     words: Vec<String>,

@@ -11,7 +11,7 @@ use super::edit::{EditError, GraphFile};
 
 /// Every value stays what it was, and nothing is computed anew. The used graph's file stays as it is.
 #[derive(Args)]
-pub(super) struct Inline {
+pub(crate) struct Inline {
     /// The graph file.
     graph: PathBuf,
     /// The node that uses another graph.

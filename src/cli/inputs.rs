@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_engine::session::Session;
+use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
 use maquette_syntax::error::Problem;
 
 use super::{Exit, report};
-use crate::session::Session;
-use crate::writing::Sources;
 
 /// What comes into a graph with inputs.
 #[derive(Args, Clone, Default)]
@@ -41,7 +41,7 @@ impl InputOptions {
     }
 
     /// The same, where warnings and errors are printed at once.
-    pub(super) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
+    pub(crate) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
         match self.fed(session, graph) {
             Ok((graph, warnings)) => {
                 report(&warnings);

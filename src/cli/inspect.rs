@@ -5,11 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::{Run, Wanted};
+use maquette_engine::writing::{Destination, Sources};
 use maquette_format::png;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use maquette_node::CancelToken;
 use maquette_node::pack::NewFile;
+use maquette_preview::probe;
+use maquette_preview::probe::shown;
 use maquette_render::{Kind, View, picture_of};
 use maquette_syntax::error::{Error, Problem, code};
 use maquette_syntax::with_article;
@@ -23,9 +27,6 @@ use super::look::{At, Over, Request, Source, at};
 use super::new::in_meters;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
-use crate::probe::{self, shown};
-use crate::session::{Run, Wanted};
-use crate::writing::{Destination, Sources};
 
 mod broken;
 mod columns;
@@ -35,7 +36,7 @@ mod rows;
 use rows::{RowOptions, Rows};
 
 #[derive(Args)]
-pub(super) struct Inspect {
+pub(crate) struct Inspect {
     /// The graph file, or a file with a value: a mesh, points, a curve, a range image, a picture.
     #[arg(value_name = "GRAPH|FILE")]
     file: PathBuf,

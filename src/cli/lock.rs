@@ -5,16 +5,16 @@ use std::io::{BufRead as _, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_engine::writing::{Turn, keep_beside};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Lock as LockFile, Locked, Options, UsedNow, differences, lock_beside};
 use maquette_syntax::error::Problem;
 use maquette_syntax::unknown;
 
 use super::{Exit, counted, eprint, print, report};
-use crate::writing::{Turn, keep_beside};
 
 #[derive(Args)]
-pub(super) struct Lock {
+pub(crate) struct Lock {
     /// The graph file.
     graph: PathBuf,
     /// Let the graph use files of this folder, too.
@@ -23,7 +23,7 @@ pub(super) struct Lock {
 }
 
 #[derive(Args)]
-pub(super) struct Update {
+pub(crate) struct Update {
     /// The graph file.
     graph: PathBuf,
     /// Only this graph, by the name or the path that it is used by, and those that it uses.

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use clap::Args;
+use maquette_engine::session::{Run, Session, Wanted};
 use maquette_graph::{Broken, Graph};
 use maquette_render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use maquette_syntax::error::Problem;
@@ -11,7 +12,6 @@ use maquette_value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 use nalgebra::Point3;
 
 use super::{Exit, report};
-use crate::session::{Run, Session, Wanted};
 
 /// What `--at` names.
 #[derive(Clone, Debug)]

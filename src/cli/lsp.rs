@@ -6,13 +6,13 @@ use std::sync::Arc;
 use clap::Args;
 use lsp_server::Connection;
 use maquette_graph::catalog::Catalog;
+use maquette_lsp::{Setup, serve};
 
 use super::Exit;
 use super::caching::CacheOptions;
-use crate::lsp::{Setup, serve};
 
 #[derive(Args)]
-pub(super) struct Lsp {
+pub(crate) struct Lsp {
     /// Speak over stdin and stdout, which is the only way there is.
     #[arg(long)]
     stdio: bool,

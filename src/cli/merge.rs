@@ -4,17 +4,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 use maquette_edit::Merge as Merged;
+use maquette_engine::writing::rewrite;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
 use maquette_value::plain;
 
 use super::{Exit, eprint, print_document, report};
-use crate::writing::rewrite;
 
 /// For git, in the project's `.gitattributes`: `*.ron merge=maquette`; and once for each user:
 /// `git config --global merge.maquette.driver "maquette merge %O %A %B --path %P"`.
 #[derive(Args)]
-pub(super) struct Merge {
+pub(crate) struct Merge {
     /// The graph that both have changed.
     base: PathBuf,
     /// Ours, into which the result is written.

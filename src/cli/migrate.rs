@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_engine::writing::{Turn, replace};
+use maquette_golden::case;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::first_word;
@@ -11,12 +13,10 @@ use super::edit::changed_lines;
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, counted, eprint, print, print_document, report};
-use crate::golden::case;
-use crate::writing::{Turn, replace};
 
 /// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.
 #[derive(Args)]
-pub(super) struct Migrate {
+pub(crate) struct Migrate {
     /// The graph files, and folders whose `.ron` files are all taken.
     #[arg(required = true, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,

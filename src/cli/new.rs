@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use maquette_engine::writing::{make_folder, remove_empty, write_new};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, Options};
 use maquette_node::pack::Recipe;
@@ -11,7 +12,6 @@ use maquette_syntax::paths::folder_of_new;
 use maquette_syntax::{parse, shell, unknown};
 
 use super::{Exit, eprint, print, report};
-use crate::writing::{make_folder, remove_empty, write_new};
 
 mod scans;
 mod wants;
@@ -21,7 +21,7 @@ pub(super) use scans::in_meters;
 use wants::Wants;
 
 #[derive(Args)]
-pub(super) struct New {
+pub(crate) struct New {
     /// The folder of the scans: range images with their pictures, meshes or points. Or one such file.
     #[arg(required_unless_present = "list")]
     folder: Option<PathBuf>,

@@ -13,7 +13,7 @@ use serde_json::{Value as Json, json};
 use super::{Exit, print, print_json, program, report};
 
 #[derive(Args)]
-pub(super) struct Nodes {
+pub(crate) struct Nodes {
     /// Only this node, in full; or a graph file: the graphs that it uses, in full.
     #[arg(value_name = "NODE|GRAPH")]
     node: Option<String>,

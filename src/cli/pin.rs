@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::{PinError, Run, Wanted, means, pinnable, unpin};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options, Pins};
 use maquette_syntax::error::Severity;
@@ -11,10 +12,9 @@ use maquette_syntax::unknown;
 
 use super::caching::{self, CacheOptions};
 use super::{Exit, eprint, print, report};
-use crate::session::{PinError, Run, Wanted, means, pinnable, unpin};
 
 #[derive(Args)]
-pub(super) struct Pin {
+pub(crate) struct Pin {
     /// The graph file.
     graph: PathBuf,
     /// The node, which may be inside of a use (nose/mask), or a use of a graph: then the nodes that make its outputs.
@@ -31,7 +31,7 @@ pub(super) struct Pin {
 }
 
 #[derive(Args)]
-pub(super) struct Unpin {
+pub(crate) struct Unpin {
     /// The graph file.
     graph: PathBuf,
     /// The pinned nodes, or uses with pinned nodes in them.

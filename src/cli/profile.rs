@@ -3,10 +3,12 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use maquette_engine::Exchange;
+use maquette_engine::eval::RunTrace;
+use maquette_engine::session::Written;
+use maquette_engine::writing::{Destination, Refused};
+
 use super::{column_width, in_bytes};
-use crate::eval::{Exchange, RunTrace};
-use crate::session::Written;
-use crate::writing::{Destination, Refused};
 
 /// How many seconds it took to read the graph, and the files of its nodes.
 pub(super) struct Read {

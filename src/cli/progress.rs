@@ -6,10 +6,10 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use maquette_engine::eval::{Observer, State};
 
 use super::eprint;
 use super::events::does_not_stop;
-use crate::eval::{Observer, State};
 
 /// Work shorter than this needs no bar.
 const PATIENCE: Duration = Duration::from_millis(500);

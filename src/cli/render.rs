@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::{Run, Wanted};
+use maquette_engine::writing::{Destination, Sources};
 use maquette_format::png;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
@@ -17,11 +19,9 @@ use super::inspect::view;
 use super::look::{At, Over, Request, Source, at, place};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
-use crate::session::{Run, Wanted};
-use crate::writing::{Destination, Sources};
 
 #[derive(Args)]
-pub(super) struct Render {
+pub(crate) struct Render {
     /// A graph file, or a file with a value: a mesh (ply, obj, glb, stl), points, a curve, a range image (pcd), a picture.
     file: PathBuf,
     /// The output of the graph, or a node of it, NODE[.OUTPUT]; for any other file the picture to be written.

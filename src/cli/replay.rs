@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::{OutputFolder, Run, Wanted, sign};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, GraphOutput, Options};
 use maquette_node::provenance::{Found, Provenance, Signature, find};
@@ -17,7 +18,6 @@ use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
-use crate::session::{OutputFolder, Run, Wanted, sign};
 
 /// Whether files tell where they came from.
 #[derive(Args, Clone, Default)]
@@ -43,7 +43,7 @@ impl ProvenanceOptions {
 }
 
 #[derive(Args)]
-pub(super) struct Replay {
+pub(crate) struct Replay {
     /// A file that a graph gave.
     file: PathBuf,
     /// The graph; if left out, that of the name that the file tells, in the project of the current folder, else in that of the file.

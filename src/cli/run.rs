@@ -6,6 +6,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use maquette_engine::Exchange;
+use maquette_engine::eval::{Forecast, Observer, RunTrace, State};
+use maquette_engine::session::{Produced, Written};
+use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
@@ -22,12 +26,9 @@ use super::{
     Exit, GraphOptions, column_width, counted, eprint, in_bytes, interrupt, print, print_json,
     put_problems, report,
 };
-use crate::eval::{Exchange, Forecast, Observer, RunTrace, State};
-use crate::session::{Produced, Written};
-use crate::writing::Sources;
 
 #[derive(Args)]
-pub(super) struct Run {
+pub(crate) struct Run {
     /// The graph file.
     graph: PathBuf,
     /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.

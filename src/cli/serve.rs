@@ -13,6 +13,7 @@ use std::time::Duration;
 use clap::Args;
 use maquette_diagram::Places;
 use maquette_edit::Edited;
+use maquette_engine::writing::Shelf;
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_graph::{Graph, GraphInput, Options, PINS_ENDING};
 use maquette_node::CancelToken;
@@ -29,7 +30,6 @@ use super::caching::CacheOptions;
 use super::edit::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
-use crate::writing::Shelf;
 
 mod columns;
 mod layout;
@@ -46,7 +46,7 @@ const LONGEST: u64 = 64 << 20;
 const PATIENCE: Duration = Duration::from_secs(2);
 
 #[derive(Args)]
-pub(super) struct Serve {
+pub(crate) struct Serve {
     /// Hear requests on stdin and answer on stdout, one JSON object a line, until stdin ends.
     #[arg(long, required = true)]
     stdio: bool,

@@ -10,7 +10,7 @@ use super::edit::GraphFile;
 use super::{Exit, assignment, print, print_document};
 
 #[derive(Args)]
-pub(super) struct Set {
+pub(crate) struct Set {
     /// The graph file.
     graph: PathBuf,
     /// A parameter's default (NAME=VALUE) or a node's field (NODE.FIELD=VALUE). Dots lead further in: red.select.distance=25,

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::session::Session;
+use maquette_engine::writing::{Destination, Sources};
 use maquette_format::png;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options};
@@ -16,12 +18,10 @@ use super::caching::CacheOptions;
 use super::files::{is_no_graph, without};
 use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
-use crate::session::Session;
-use crate::writing::{Destination, Sources};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
 #[derive(Args)]
-pub(super) struct Sheet {
+pub(crate) struct Sheet {
     /// The graphs. Among several files, tests, lock files, pins and layouts are passed over.
     #[arg(required = true, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,

@@ -8,6 +8,14 @@ use std::process::Command;
 use std::sync::Arc;
 
 use clap::Args;
+use maquette_engine::eval::State as NodeState;
+use maquette_engine::six;
+use maquette_engine::writing::{Destination, Refused, Sources, remove};
+use maquette_golden::case;
+use maquette_golden::compare::{Comparison, Verdict};
+use maquette_golden::store::Golden;
+use maquette_golden::suite;
+use maquette_golden::suite::{Case, Compared, Report, Settings, State, html, junit};
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
@@ -15,15 +23,9 @@ use serde_json::json;
 use super::caching::{self, CacheOptions};
 use super::files::{is_beside, without};
 use super::{Exit, counted, eprint, print, print_json, report};
-use crate::eval::State as NodeState;
-use crate::golden::case;
-use crate::golden::compare::{Comparison, Verdict, six};
-use crate::golden::store::Golden;
-use crate::suite::{self, Case, Compared, Report, Settings, State, html, junit};
-use crate::writing::{Destination, Refused, Sources, remove};
 
 #[derive(Args)]
-pub(super) struct Test {
+pub(crate) struct Test {
     /// Test files, graphs that have some, or folders that are searched for them; the current folder if left out.
     #[arg(value_name = "PATH")]
     paths: Vec<PathBuf>,

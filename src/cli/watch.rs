@@ -13,6 +13,7 @@ use maquette_format::camera;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::files::named_in;
 use maquette_graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
+use maquette_preview::{Page, Redirect, Wish};
 use maquette_syntax::error::{Problem, code};
 use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
@@ -23,8 +24,8 @@ use super::inputs::InputOptions;
 use super::replay::ProvenanceOptions;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
-use crate::page::{Page, Redirect, Wish};
-use crate::watch::{self, Event, Sources, WatchList};
+use crate::listen as watch;
+use crate::listen::{Event, Sources, WatchList};
 
 mod block;
 mod browser;
@@ -42,7 +43,7 @@ use view::{Lines, Program, Terminal, View, WithPage};
 use worker::{News, Wishes, Worker};
 
 #[derive(Args)]
-pub(super) struct Watch {
+pub(crate) struct Watch {
     /// The graph file.
     graph: PathBuf,
     /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.

@@ -11,7 +11,7 @@ use super::inputs::InputOptions;
 use super::{Exit, GraphOptions, print, report};
 
 #[derive(Args)]
-pub(super) struct Why {
+pub(crate) struct Why {
     /// The graph file.
     graph: PathBuf,
     /// The node, or a use of a graph: then the nodes that make its outputs.

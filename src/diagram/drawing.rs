@@ -7,7 +7,6 @@ use maquette_graph::catalog::Catalog;
 use maquette_graph::{DraftField, ELEMENTS, Graph, GraphUse};
 use maquette_syntax::error::Source;
 
-
 /// What is drawn of a graph, without places.
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {

@@ -121,7 +121,7 @@ pub struct Put {
 
 /// The text of the graph file at `path` after some edits, one after the other.
 ///
-/// What the edits do not speak of keeps every byte. The new text is checked as [`Graph::load`] checks it, behind the last edit,
+/// What the edits do not speak of keeps every byte. The new text is checked as [`Graph::load`](maquette_graph::Graph::load) checks it, behind the last edit,
 /// except that the files that the graph reads need not be there; so edits that are right together may be given together.
 ///
 /// # Errors

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::check::folder_of;
 use maquette_graph::draft::What;
@@ -11,7 +12,6 @@ use maquette_graph::migrate::kind_of;
 use maquette_graph::needs::Needs;
 use maquette_graph::rebase::path_of_use;
 use maquette_graph::top::field_of;
-use maquette_graph::Options;
 use maquette_graph::{
     Refusal, Splice, added, apply, behind, field, newline, parts, put_entry, reindented,
 };

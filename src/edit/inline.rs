@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::definition::Definition;
 use maquette_graph::draft::What;
@@ -11,7 +12,6 @@ use maquette_graph::meaning::named_node;
 use maquette_graph::migrate::kind_of;
 use maquette_graph::rebase::path_of_use;
 use maquette_graph::top::name_of;
-use maquette_graph::Options;
 use maquette_graph::{
     Refusal, Splice, added, apply, behind, field, opened, parts, put_entry, without,
 };
@@ -27,7 +27,7 @@ use super::moved::{
 };
 use super::{Edit, Edited, Judge};
 
-/// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`Graph::extract`] has done is undone.
+/// The text of the graph file at `path` with the nodes of a used graph in the place of one use: what [`extract`](crate::extract()) has done is undone.
 ///
 /// The nodes come with their comments, and with the use's values in place of the graph's parameters. Each keeps its name if that is
 /// free; else the use's name goes before it. Links to the use lead to the nodes, what the graph expects is expected of them, and its

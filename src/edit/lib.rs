@@ -1,7 +1,7 @@
 //! From text to text: graphs that are changed as their author would change them.
 //!
-//! [`edit`] makes single [`Edit`]s: values, nodes, names, links, outputs; [`formatted`] and [`minimal`] bring a text into its form;
-//! [`extract`] and [`inline`] make a graph of some nodes and bring them back, both on `moved`; [`merge`] joins the edits of two people;
+//! [`edit`](edit()) makes single [`Edit`]s: values, nodes, names, links, outputs; [`formatted`] and [`minimal`](minimal()) bring a text into its form;
+//! [`extract`](extract()) and [`inline`](inline()) make a graph of some nodes and bring them back, both on `moved`; [`merge`](merge()) joins the edits of two people;
 //! [`fixed`] does what has one answer. What an edit does not speak of keeps every byte, and an edited text is checked again.
 //!
 //! Begin reading in `edit.rs`, then `structure.rs`.

@@ -20,7 +20,7 @@ use super::compare::{Keep, Tolerance};
 use super::sound::keep_sound;
 
 /// The ending of a test file's name.
-pub(crate) const ENDING: &str = ".test.ron";
+pub const ENDING: &str = ".test.ron";
 
 /// A test file as it is written.
 #[derive(Deserialize, JsonSchema)]
@@ -68,10 +68,10 @@ pub(crate) struct Budget {
 }
 
 /// The file of a test, read.
-pub(crate) struct TestFile {
+pub struct TestFile {
     pub(crate) source: Arc<Source>,
     /// The graphs that it is about.
-    pub(crate) graphs: Vec<PathBuf>,
+    pub graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<Allowed>,
     /// What must hold, and where that stands.
@@ -125,12 +125,7 @@ pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Probl
 }
 
 /// The same for a text that stands, or will stand, in the file: every problem, and what is left of the test without what is wrong.
-#[cfg(feature = "cli")]
-pub(crate) fn read_text(
-    path: &Path,
-    text: String,
-    catalog: &Catalog,
-) -> (Option<TestFile>, Vec<Problem>) {
+pub fn read_text(path: &Path, text: String, catalog: &Catalog) -> (Option<TestFile>, Vec<Problem>) {
     read_with(path, Ok(text), &known_fields(catalog))
 }
 
@@ -139,7 +134,7 @@ fn whole((test, problems): (Option<TestFile>, Vec<Problem>)) -> Result<TestFile,
 }
 
 /// The same without judging which tolerances make sense: to know what it is about.
-pub(crate) fn skim(path: &Path) -> Option<TestFile> {
+pub fn skim(path: &Path) -> Option<TestFile> {
     whole(read_with(path, plain::read_own_text(path), &|_| Ok(&OF_PLACES))).ok()
 }
 
@@ -476,7 +471,7 @@ fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathProblem> {
 
 /// All test files in a folder and those inside of it, sorted; what is no folder as it is. Links to folders are not followed: they
 /// may lead in a circle.
-pub(crate) fn find(path: &Path) -> Vec<PathBuf> {
+pub fn find(path: &Path) -> Vec<PathBuf> {
     if !path.is_dir() {
         return vec![path.to_owned()];
     }
@@ -505,7 +500,7 @@ pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// The test files that test a graph: beside it, or else in the nearest folder above that has some.
-pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
+pub fn tests_of(graph: &Path) -> Vec<PathBuf> {
     let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
     let is_of = |path: &PathBuf| {
         let tests = |test: TestFile| test.graphs.iter().any(|graph| is_same(graph, &wanted));
@@ -521,7 +516,7 @@ pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
 }
 
 /// A graph by the path that its test file gives it.
-pub(crate) fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
+pub fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
     let (Some(test), Ok(wanted)) = (skim(test), graph.canonicalize()) else { return Vec::new() };
     test.graphs.into_iter().filter(|graph| is_same(graph, &wanted)).collect()
 }
@@ -532,14 +527,12 @@ fn is_same(path: &Path, file: &Path) -> bool {
 }
 
 /// The schema of a test file.
-#[cfg(feature = "cli")]
-pub(crate) fn test_schema() -> serde_json::Value {
+pub fn test_schema() -> serde_json::Value {
     schemars::schema_for!(Test).into()
 }
 
 /// The words of tests.
-#[cfg(any(test, feature = "cli"))]
-pub(crate) fn words() -> Vec<maquette_graph::Word> {
+pub fn words() -> Vec<maquette_graph::Word> {
     use maquette_graph::{words_of_choices, words_of_fields};
     let fields = |within, schema: schemars::Schema| words_of_fields("test", within, &schema.into());
     let mut words = fields("Test", schemars::schema_for!(Test));

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use maquette_engine::six;
 use maquette_value::{AnyValue, Mesh};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -14,7 +15,7 @@ mod mesh;
 mod order;
 
 pub(crate) use columns::{Rounding, allowed, compare_columns, given, limit_of, measure, size};
-pub(crate) use mesh::{compare_meshes, distances, distances_of};
+pub(crate) use mesh::compare_meshes;
 pub(crate) use order::without_order;
 
 /// How alike two values are.
@@ -153,7 +154,7 @@ impl Measure {
     }
 
     /// How much it differs, in words.
-    pub(crate) fn in_words(&self) -> String {
+    pub fn in_words(&self) -> String {
         match self.by_share {
             true => format!("{} % of `{}` differ", six(100.0 * self.differing), self.name),
             false => format!("`{}` differs by {}", self.name, in_unit(self.max, self.unit)),
@@ -193,13 +194,13 @@ impl Comparison {
     }
 
     /// The largest distance, or what differs most if nothing is one; none if nothing was measured to differ.
-    pub(crate) fn worst(&self) -> Option<&Measure> {
+    pub fn worst(&self) -> Option<&Measure> {
         let differing = self.measures.iter().filter(|m| m.max > 0.0);
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
     /// The share of the elements that were compared.
-    pub(crate) fn seen(&self) -> f64 {
+    pub fn seen(&self) -> f64 {
         self.measures.iter().map(|m| m.seen).fold(1.0, f64::min)
     }
 
@@ -311,25 +312,8 @@ pub(crate) fn unit(class: Class) -> &'static str {
 }
 
 /// A measured number with its unit.
-pub(crate) fn in_unit(x: f64, unit: &str) -> String {
+pub fn in_unit(x: f64, unit: &str) -> String {
     if unit.is_empty() { six(x) } else { format!("{} {unit}", six(x)) }
-}
-
-/// Six digits, as goldens and messages have them.
-pub(crate) fn six(x: f64) -> String {
-    let text = format!("{x:.5e}");
-    let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
-    // Not a number, or beyond what reads well as a plain one.
-    if !x.is_finite() || !(-5..=9).contains(&exponent) {
-        return if x == 0.0 { "0".into() } else { text.replace("e0", "") };
-    }
-    let plain = format!("{x:.*}", (5 - exponent).max(0) as usize);
-    let plain = if plain.contains('.') {
-        plain.trim_end_matches('0').trim_end_matches('.')
-    } else {
-        &plain
-    };
-    if plain == "-0" { "0".into() } else { plain.to_owned() }
 }
 
 #[cfg(test)]

@@ -8,6 +8,8 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use maquette_engine::distances::distances_of;
+use maquette_engine::six::six;
 use maquette_format::png;
 use maquette_node::pack::NewFile;
 use maquette_render::{View, render};
@@ -18,7 +20,7 @@ use maquette_value::{
 };
 use nalgebra::Point3;
 
-use super::compare::{Tolerance, distances_of, six};
+use super::compare::Tolerance;
 use super::parts::{Class, GoldenColumn, GoldenParts};
 
 mod judge;
@@ -33,7 +35,7 @@ use summary::{Line, exact, summary};
 
 /// What was kept of a value. Its numbers and pictures are looked into when they are needed.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Golden {
+pub struct Golden {
     pub(crate) lines: Vec<(String, String)>,
     bin: Option<Vec<u8>>,
     png: Option<Vec<u8>>,
@@ -179,7 +181,7 @@ pub(crate) fn every(picture: &Image, stride: usize) -> Image {
 
 /// Why a golden cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum NoGolden {
+pub enum NoGolden {
     Missing,
     Damaged(String),
 }
@@ -248,7 +250,7 @@ impl Golden {
     }
 
     /// Why it was accepted.
-    pub(crate) fn because(&self) -> Vec<String> {
+    pub fn because(&self) -> Vec<String> {
         self.line(BECAUSE).map(str::to_owned).into_iter().collect()
     }
 

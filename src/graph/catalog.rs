@@ -21,7 +21,7 @@ pub use description::{describe_default, describe_parameter};
 
 /// What the packs of a program offer, by name.
 ///
-/// Where two packs have a node of the same name, the first one has it; [`conformance`](maquette::conformance) reports that.
+/// Where two packs have a node of the same name, the first one has it; `conformance` reports that.
 #[derive(Clone)]
 pub struct Catalog {
     entries: IndexMap<String, Arc<Entry>>,

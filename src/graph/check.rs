@@ -2,7 +2,7 @@
 //!
 //! A mistake causes one problem: a node whose fields are wrong still has its output types, and what cannot be known because
 //! of another problem is not reported. Each file is checked once, as a [`Definition`]; what uses of it make of it is the matter
-//! of [`super::expand`].
+//! of `super::expand`.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! Arithmetic on a graph's parameters: `Expr("growth / 2 + 1")`.
 //!
-//! Numbers and truth values; `+ - * / %`, comparisons, `and or not`; the functions in [`FUNCTIONS`] and `if(condition, then,
+//! Numbers and truth values; `+ - * / %`, comparisons, `and or not`; the functions in `FUNCTIONS` and `if(condition, then,
 //! else)`. No loops, no I/O. A parameter's name may hold hyphens: `eye-step` is the parameter of that name if there is one,
 //! and otherwise a difference.
 //!

@@ -1,7 +1,7 @@
 //! The place of a value in a text, by the names that lead there.
 
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::{Body, Field, Kind, Tree, nearest_or_all, parse, unit_names};
+use maquette_syntax::{Body, DEEPEST, Field, Kind, Tree, nearest_or_all, parse, unit_names};
 
 use super::splice::{Splice, added, put_entry};
 use crate::patch::is_patch;
@@ -32,6 +32,10 @@ pub fn place(
     overrules: bool,
     draft: bool,
 ) -> Result<(Vec<Splice>, Option<String>), Refusal> {
+    if target.split('.').count() > DEEPEST {
+        let message = format!("{}..: this leads more than {DEEPEST} deep", &target[..target.floor_char_boundary(40)]);
+        return Err(Refusal::new(Span::default(), message, "no value lies that deep".into()));
+    }
     let side = (!is_draft(&parse(value).0)).then_some(draft);
     let put = |entry: &Tree, steps: &[&str]| in_call(text, entry, steps, value, overrules, side);
     let (tree, _) = parse(text);

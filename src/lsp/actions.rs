@@ -2,6 +2,7 @@
 
 use gen_lsp_types::{CodeActionParams, CodeActionTriggerKind};
 use maquette_edit::real;
+use maquette_golden::suite::FileKind;
 use maquette_syntax::error::Problem;
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
@@ -10,7 +11,6 @@ use super::checker::diagnostic;
 use super::outline::{self, Symbol};
 use super::project::Texts;
 use super::{Refused, Server, Subject};
-use crate::suite::FileKind;
 
 impl Server {
     pub(super) fn actions(

@@ -10,6 +10,7 @@ use std::thread::JoinHandle;
 use gen_lsp_types::Uri;
 use lsp_server::{Message, Notification};
 use maquette_edit::real;
+use maquette_golden::suite::FileKind;
 use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity, Span, code};
@@ -17,7 +18,6 @@ use serde_json::{Value as Json, json};
 
 use super::Client;
 use super::place::{Lines, uri_of};
-use crate::suite::FileKind;
 
 /// A text that is open and one of ours.
 pub(super) struct Open {

@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
+use maquette_engine::eval::Remembered;
+use maquette_engine::session::Session;
 use maquette_graph::Graph;
 
 use super::slot::takes;
-use crate::eval::Remembered;
-use crate::session::Session;
 
 /// What is known of a graph's last evaluation.
 #[derive(Default)]

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::OnceLock;
 
+use maquette_golden as golden;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Expectation, Graph, Options, Word, words};
 use maquette_syntax::inside;
@@ -14,8 +15,6 @@ use serde_json::{Value as Json, json};
 
 use super::scope::Scope;
 use super::slot::{FieldOf, Keys, Slot, fields_of, slot_of};
-use crate::batch;
-use crate::golden;
 use crate::language::TOPICS;
 
 /// A type of nodes: built in, or a graph.
@@ -215,7 +214,7 @@ impl<'a> Library<'a> {
                 fields
             }
             "Sweep" => {
-                let root = Rc::new(batch::schema());
+                let root = Rc::new(maquette_golden::sweep::schema());
                 let mut fields = fields_of(&root, &root);
                 let graph =
                     Rc::get_mut(&mut fields).into_iter().flat_map(|fields| fields.iter_mut());

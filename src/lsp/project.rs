@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_edit::{Named, NamesOf, Symbol, SymbolSort, real};
+use maquette_golden::case;
+use maquette_golden::suite::FileKind;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Options, field_of, is_name, is_type_name};
 use maquette_syntax::error::{Problem, Severity, Span};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{Passed, each_word};
-
-use crate::golden::case;
-use crate::suite::FileKind;
 
 /// Folders deeper than this are not looked into.
 const DEEPEST: usize = 12;

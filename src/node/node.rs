@@ -82,7 +82,7 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     }
 }
 
-/// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union) of some.
+/// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union!) of some.
 pub trait PortType: Sized + 'static {
     /// The name of the value or of the union.
     const NAME: &'static str;

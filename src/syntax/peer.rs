@@ -92,7 +92,7 @@ fn corpus() -> Vec<String> {
     }
     let mut texts = Vec::new();
     for folder in ["graphs", "tests/third_party/graphs"] {
-        collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder), &mut texts);
+        collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder), &mut texts);
     }
     assert!(texts.len() > 30);
     texts

@@ -10,7 +10,6 @@
 //!
 //! This crate knows no graph, no node and no file format.
 
-pub mod base64;
 pub mod memory;
 pub mod parallel;
 pub mod plain;

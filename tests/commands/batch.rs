@@ -523,7 +523,7 @@ fn graphs_with_inputs_are_swept_over_files() {
     let project = Project::doll();
     fs::create_dir(project.folder().join("lib")).unwrap();
     fs::copy(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/lib/skin.ron"),
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/lib/skin.ron"),
         project.folder().join("lib/skin.ron"),
     )
     .unwrap();
@@ -548,12 +548,12 @@ fn graphs_with_inputs_are_swept_over_files() {
 
 #[test]
 fn samples_of_the_documentation_run() {
-    let text = include_str!("../../src/language/sweep.md");
+    let text = include_str!("../../src/lsp/language/sweep.md");
     let mut count = 0;
     for sample in text.split("```ron\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
         let project = scanned(&[], sample);
         fs::create_dir(project.folder().join("lib")).unwrap();
-        let skin = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/lib/skin.ron");
+        let skin = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/lib/skin.ron");
         fs::copy(skin, project.folder().join("lib/skin.ron")).unwrap();
         let (code, document) = batch(&project, &[]);
         assert_eq!(code, Some(0), "{document}");

@@ -6,7 +6,7 @@ use std::process::Command;
 use maquette::{CacheFolder, Options, Pack, Run, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 #[test]
 fn a_host_has_the_results_of_the_command_line() {

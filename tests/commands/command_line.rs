@@ -7,7 +7,7 @@ use expect_test::expect;
 use maquette::format::png;
 use maquette::value::Image;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 fn maquette(arguments: &[&str]) -> Output {
     maquette_with_cache(tempfile::tempdir().unwrap().path(), arguments)

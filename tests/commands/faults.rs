@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// The outputs of the doll's graph with this growth, in this folder, with this cache.
 fn command(growth: &str, cache: &Path, out: &Path) -> Command {

@@ -15,8 +15,8 @@ mod refactor;
 
 use editor::{Editor, edited, position, uri};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
-const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/bad");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
+const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bad");
 
 /// A folder with a project, and one for results.
 struct Place {

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-const DOLL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/doll");
+const DOLL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll");
 
 /// A folder `scans` with some of the doll's files under other names.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
@@ -165,7 +165,7 @@ fn points_of_a_list_and_of_a_survey_which_is_in_meters_by_its_format() {
     std::fs::write(scans.join("a.pcd"), header.to_owned() + &String::from_iter(points)).unwrap();
     let new = told(&maquette(folder.path(), &["new", "scans"]));
     assert!(new.starts_with("scans/scans.ron: Points") && !new.contains("unit"), "{new}");
-    let survey = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/formats/survey.las");
+    let survey = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/formats/survey.las");
     std::fs::copy(survey, scans.join("b.las")).unwrap();
     let new = told(&maquette(folder.path(), &["new", "scans/b.las"]));
     assert!(new.contains("scan.unit: M"), "{new}");

@@ -205,7 +205,7 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     let project = Project::new();
     project.write("mug.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     fs::copy(
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/doll/color.png"),
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll/color.png"),
         project.path("color.png"),
     )
     .unwrap();
@@ -367,7 +367,7 @@ fn links_that_lead_in_a_circle_and_pipes_hang_nothing() {
 fn a_pipe_beside_a_capture_is_an_error_and_no_hang() {
     let project = Project::new();
     for file in ["color.png", "range.pcd"] {
-        let from = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/doll");
+        let from = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll");
         fs::copy(format!("{from}/{file}"), project.path(file)).unwrap();
     }
     project.pipe("camera.json");

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use maquette::format::png;
 use maquette::value::Image;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// A folder for pictures and for what was computed before.
 struct Studio(tempfile::TempDir);

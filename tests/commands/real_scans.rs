@@ -5,7 +5,7 @@ use std::process::{Command, Output};
 
 use crate::beside::beside;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scans");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/scans");
 
 /// A project with a graph and the scans that it reads, each in a folder of its own.
 fn project(graph: &str, scans: &[(&str, &Path)]) -> tempfile::TempDir {
@@ -77,7 +77,7 @@ fn two_captures_of_a_doll_become_a_textured_solid() {
 fn a_shell_of_a_cropped_scan_is_closed_on_both_sides() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let doll = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/doll/coarse.obj");
+    let doll = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll/coarse.obj");
     std::fs::copy(doll, at("doll.obj")).unwrap();
     let graph = r#"Graph(format: 1, params: { "side": Choice(default: Inside, of: [Inside, Outside], doc: "") }, nodes: {
         "doll": ReadMesh(path: "doll.obj"),

@@ -12,7 +12,7 @@ use server::{Mode, Server};
 mod server;
 mod trouble;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// What all machines make of the doll, and how long that takes.
 struct Truth {
@@ -316,12 +316,12 @@ fn what_this_build_does_not_speak_is_said_with_the_feature_that_does() {
     for (address, spoken, told) in [
         (
             "https://h",
-            cfg!(feature = "tls"),
+            maquette_remote::HTTPS,
             "https is not spoken here: build with the feature `tls`",
         ),
         (
             "s3://b",
-            cfg!(feature = "s3"),
+            maquette_remote::BUCKETS,
             "buckets are not spoken to here: build with the feature `s3`",
         ),
     ] {

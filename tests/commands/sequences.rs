@@ -13,7 +13,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use maquette::random::Random;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// Graphs that take little time, with every way of using others.
 const NAMES: [&str; 10] =

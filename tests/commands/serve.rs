@@ -185,7 +185,7 @@ fn given(project: &Project) -> (Host, Json) {
 #[test]
 #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
 fn a_client_of_sixty_lines_in_python_gets_the_doll() {
-    let client = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/serve.py");
+    let client = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/serve.py");
     assert!(fs::read_to_string(client).unwrap().lines().count() <= 60);
     let project = Project::doll();
     let mut command = Command::new("python3");

@@ -8,7 +8,7 @@ use expect_test::expect;
 
 use crate::project::Project;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 fn command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));

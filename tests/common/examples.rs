@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// All graphs of `graphs/nodes`, by name; not the tests that stand beside them.
 pub(crate) fn examples() -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/nodes");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/nodes");
     let files = std::fs::read_dir(folder).expect("the folder of examples").flatten();
     let is_graph = |path: &PathBuf| {
         let name = path.to_string_lossy();

@@ -37,7 +37,7 @@ impl Workspace {
         for file in ["a/src/lib.rs", "b/lib.rs"] {
             workspace.write(file, LIBRARY);
         }
-        let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("build.rs");
+        let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../build.rs");
         workspace.write("build.rs", &fs::read_to_string(ours).unwrap());
         let members = "[workspace]\nmembers = ['*']\nexclude = ['target']\nresolver = '3'\n";
         let profile = "[profile.dev]\ndebug = false\nincremental = false\n";

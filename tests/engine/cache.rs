@@ -11,7 +11,7 @@ use maquette::{
     CancelToken, Catalog, Disk, Evaluation, Evaluator, Graph, Observer, Options, State,
 };
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 const LIMIT: u64 = 1 << 30;
 
 /// One process after the other: each evaluation has an evaluator of its own, and the cache folder in common.

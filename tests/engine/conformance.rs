@@ -7,7 +7,7 @@ use std::thread;
 use maquette::conformance::check;
 use maquette::{Catalog, Graph, Options, Pack};
 
-const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/nodes");
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/nodes");
 
 fn holds(pack: &Pack, others: &[&Pack], examples: &str) {
     if let Err(broken) = check(pack, others, Path::new(examples)) {
@@ -37,7 +37,7 @@ fn the_built_in_packs_keep_the_laws() {
 
 #[test]
 fn an_outsiders_pack_keeps_the_laws() {
-    let examples = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/third_party/graphs");
+    let examples = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/third_party/graphs");
     holds(&maquette_third_party::PACK, maquette_nodes::PACKS, examples);
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use maquette::value::{Direction, Labels, Mask, Mesh, RangeImage, Region, Value};
 use maquette::{CancelToken, Catalog, Evaluation, Evaluator, Graph, Options};
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// The growth that the graph asks for, in mm.
 const GROWTH: f64 = 12.0;

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use maquette::{Catalog, TestRun, test_graphs};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
 fn run(folder: &Path, threads: usize) -> TestRun {
     let catalog = Catalog::new(maquette_nodes::PACKS);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use expect_test::{Expect, expect};
 use maquette::{AnyValue, CancelToken, Catalog, Evaluation, Evaluator, Graph, Options, State};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
 /// The doll's graph, with one evaluator from one evaluation to the next.
 struct Session {

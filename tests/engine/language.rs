@@ -37,7 +37,7 @@ mod zeros;
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]
 fn each_mistake_is_told_once_at_its_place() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad");
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
     let is_graph = |path: &std::path::PathBuf| {
         let name = path.to_string_lossy();

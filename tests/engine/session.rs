@@ -15,7 +15,7 @@ fn session() -> Session {
 }
 
 fn graphs() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs")
 }
 
 fn loaded(session: &Session, path: &Path, options: &Options) -> Graph {

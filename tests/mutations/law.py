@@ -1,4 +1,4 @@
-"""Puts faults into what the evaluator remembers, one at a time, and asks the law (src/eval/law.rs) whether it notices.
+"""Puts faults into what the evaluator remembers, one at a time, and asks the law (src/engine/eval/law.rs) whether it notices.
 
 usage: law.py [COPY] [NUMBER]...
 
@@ -24,70 +24,70 @@ SEED = "20070115"
 # What is forgotten, and the changes that make it so: file, what stands there, what is put there.
 FAULTS = [
     ("whether the files of a node are as they were", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "        let files = graph.nodes[index].files.iter();\n        files.map",
          "        let files = graph.nodes[index].files.iter();\n        true || files.map"),
     ]),
     ("whether a node's inputs are the same values", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "inputs.eq(parts.inputs.iter().map(|hash| Some(*hash)))",
          "inputs.count() == parts.inputs.len()"),
     ]),
     ("whether a node has the same parameters", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "parts.recipe.identity == node.recipe.identity",
          "parts.recipe.kind == node.recipe.kind"),
     ]),
     ("whether a node is of the same type", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "parts.recipe.identity == node.recipe.identity",
          "(parts.recipe.identity == node.recipe.identity || parts.recipe.kind != node.recipe.kind)"),
     ]),
     ("the files, where nothing else changed", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "readers.all(|&index| {",
          "readers.all(|&index| true || {"),
     ]),
     ("which nodes the last evaluation found, where nothing else changed", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "all(|(wanted, found)| found | !wanted)",
          "all(|_| true)"),
-        ("src/eval/snapshot.rs",
+        ("src/engine/eval/snapshot.rs",
          "self.results[index].as_ref().filter(|_| self.found[index])",
          "self.results[index].as_ref()"),
     ]),
     ("whether the graph is the same", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "let same = last.shape == graph.shape.identity;",
          "let same = last.names.len() == graph.nodes.len();"),
     ]),
     ("whether a node is the same as the one that was at its place", [
-        ("src/eval/snapshot.rs",
+        ("src/engine/eval/snapshot.rs",
          "self.current(index).filter(|_| *identity == graph.shape.identities[index])",
          "self.current(index).filter(|_| identity.0.len() == graph.shape.identity.0.len())"),
     ]),
     ("whether all that it hangs on is the same, where a node is", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "shape.sources(index).all(|source| same[source])",
          "shape.sources(index).all(|source| same[source] || true)"),
     ]),
     ("the files of a node that is the same", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "!shape.reads_files(index) || self.has_files(",
          "!shape.reads_files(index) || true || self.has_files("),
     ]),
     ("which results are of this evaluation", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "Vec::from_iter(results.iter().map(Option::is_some));",
          "Vec::from_iter(results.iter().map(|_| true));"),
     ]),
     ("the last results of nodes that nobody wants now", [
-        ("src/eval/plan.rs",
+        ("src/engine/eval/plan.rs",
          "*result = last.before(&shape.names[index], index).cloned();",
          "*result = last.before(&shape.names[index], index).filter(|_| false).cloned();"),
     ]),
     ("that nodes of one place may have different names", [
-        ("src/eval/snapshot.rs",
+        ("src/engine/eval/snapshot.rs",
          "Some(there) if there == name => near,",
          "Some(_) => near,"),
     ]),
@@ -107,17 +107,17 @@ FAULTS = [
          ""),
     ]),
     ("the inputs in a result's key", [
-        ("src/eval/key.rs",
+        ("src/engine/eval/key.rs",
          "for input in &self.inputs {\n            content.extend_from_slice(&input.0);",
          "for _ in &self.inputs {\n            content.push(0);"),
     ]),
     ("the order of inputs in a result's key", [
-        ("src/eval/key.rs",
+        ("src/engine/eval/key.rs",
          "for input in &self.inputs {",
          "let mut inputs = self.inputs.to_vec();\n        inputs.sort_by_key(|hash| hash.0);\n        for input in &inputs {"),
     ]),
     ("the files in a result's key", [
-        ("src/eval/key.rs",
+        ("src/engine/eval/key.rs",
          "file.map_or([0; 32], |hash| hash.0)",
          "file.map_or([0; 32], |_| [0; 32])"),
     ]),
@@ -127,35 +127,35 @@ FAULTS = [
          "let content = json!([kind, Vec::from_iter(optional)]);"),
     ]),
     ("the clock's grain: a file is believed however new it is", [
-        ("src/stamp.rs",
+        ("src/graph/stamp.rs",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit)",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit.max(i128::MAX))"),
     ]),
     ("a file's time", [
-        ("src/files.rs",
+        ("src/graph/files.rs",
          "stamp == self.stamp && ",
          "stamp.size() == self.stamp.size() && "),
-        ("src/stamp.rs",
+        ("src/graph/stamp.rs",
          "    /// Whether a write after this moment",
          "    pub(crate) fn size(&self) -> u64 {\n        self.size\n    }\n\n    /// Whether a write after this moment"),
     ]),
     ("whether a node had the same parameters when it gave what is updated", [
-        ("src/eval/compute.rs",
+        ("src/engine/eval/compute.rs",
          "before.parts.recipe.identity != parts.recipe.identity",
          "before.parts.recipe.kind != parts.recipe.kind"),
     ]),
     ("whether the values before are those of which a node made what is updated", [
-        ("src/eval/compute.rs",
+        ("src/engine/eval/compute.rs",
          "values.get(link.output).filter(|value| value.hash() == *hash).cloned()",
          "values.get(link.output).filter(|value| value.hash() == *hash || true).cloned()"),
     ]),
     ("the checksum of a file of the cache", [
-        ("src/eval/disk/seal.rs",
+        ("src/engine/eval/disk/seal.rs",
          "if seal(path, &bytes[..length])[..] != bytes[length..] {",
          "if false && seal(path, &bytes[..length])[..] != bytes[length..] {"),
     ]),
     ("the name of a file of the cache in its checksum", [
-        ("src/eval/disk/seal.rs",
+        ("src/engine/eval/disk/seal.rs",
          "*hasher.update(content).finalize().as_bytes()",
          "drop(hasher);\n    *blake3::Hasher::new().update(content).finalize().as_bytes()"),
     ]),
@@ -164,7 +164,7 @@ FAULTS = [
 
 def law(tree):
     """What the law says: whether it was kept, after how many sequences, and in what words; none if it does not compile."""
-    command = ["cargo", "test", "--quiet", "--package", "maquette", "--lib"]
+    command = ["cargo", "test", "--quiet", "--package", "maquette-engine", "--lib"]
     environment = os.environ | {
         "CARGO_PROFILE_DEV_DEBUG": "0",
         "LAW_SEQUENCES": SEQUENCES,
@@ -188,11 +188,6 @@ def main():
     for file in {file for _, changes in FAULTS for file, _, _ in changes}:
         # Newer than what was built of it: a copy that was used before may have been left with a fault.
         (tree / file).touch()
-    manifest = tree / "Cargo.toml"
-    needed = ("maquette-nodes.path", "maquette-third-party.path")
-    lines = manifest.read_text().splitlines(keepends=True)
-    start = lines.index("[dev-dependencies]\n")
-    manifest.write_text("".join(lines[:start] + [line for line in lines[start:] if not line.startswith(needed)]))
     start = time.monotonic()
     found = law(tree)
     assert found == (None, ""), f"the law is broken without a fault: {found}"

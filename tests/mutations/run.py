@@ -31,7 +31,7 @@ def copy(to):
 
 
 def build(tree):
-    command = ["cargo", "build", "--quiet", "--package", "maquette-nodes", "--bin", "maquette"]
+    command = ["cargo", "build", "--quiet", "--package", "maquette-program", "--bin", "maquette"]
     # No debug information: half of a build's time.
     environment = os.environ | {"CARGO_PROFILE_DEV_DEBUG": "0"}
     return subprocess.run(command, cwd=tree, capture_output=True, text=True, env=environment)

@@ -2,7 +2,7 @@
 import { readFileSync } from "node:fs";
 import { join, resolve } from "node:path";
 
-const PARTS = resolve(import.meta.dirname, "../../src/batch/sheet");
+const PARTS = resolve(import.meta.dirname, "../../src/cli/tasks/sheet");
 
 /** In the order in which they may use each other from the start. */
 const SCRIPTS = ["element", "data", "state", "cards", "layout", "filter", "one", "compare", "sheet"];

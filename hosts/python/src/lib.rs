@@ -41,7 +41,7 @@ fn read(py: Python<'_>, path: PathBuf, kind: Option<&str>) -> PyResult<(Value, V
 /// The whole command line with these words, the first of which is the program's name; gives its exit code.
 #[pyfunction]
 fn command_line(py: Python<'_>, words: Vec<OsString>) -> u8 {
-    py.detach(|| maquette::cli::run(maquette_nodes::PACKS, words))
+    py.detach(|| maquette_cli::run(maquette_nodes::PACKS, words))
 }
 
 /// The engine.

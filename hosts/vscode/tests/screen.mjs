@@ -267,7 +267,7 @@ check("12 a program that is not there is told, with what to do", async (page) =>
     const message = page.locator(".notification-toast", { hasText: `\`${program}\` ${told}` });
     await message.waitFor();
     const text = await message.innerText();
-    for (const part of ["`cargo install --path nodes`", "`maquette.path`", "Say where it is", "Try again"]) assert.ok(text.includes(part), text);
+    for (const part of ["`cargo install --path src/program`", "`maquette.path`", "Say where it is", "Try again"]) assert.ok(text.includes(part), text);
   }
   editor.set({});
   await editor.command("Notifications: Clear All Notifications");

@@ -2,10 +2,9 @@
 
 use std::fmt::Write;
 
+use maquette_engine::six;
 use maquette_value::{Part, Parts, Range};
 use serde_json::{Value as Json, json};
-
-use crate::golden::six;
 
 /// Of elements with more numbers than that, one range of all numbers is printed.
 const WIDE: usize = 4;

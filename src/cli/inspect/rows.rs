@@ -3,13 +3,13 @@
 use std::fmt::Write;
 
 use clap::Args;
+use maquette_engine::six;
 use maquette_syntax::unknown;
 use maquette_value::{AnyValue, On, Range, ranges};
 use serde_json::{Value as Json, json};
 
 use super::elements::{Elements, Numbers, kinds, plural};
-use crate::cli::Condition;
-use crate::golden::six;
+use crate::Condition;
 
 /// So many rows are printed if nothing else is said.
 const FEW: usize = 20;

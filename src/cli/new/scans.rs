@@ -9,7 +9,7 @@ use maquette_graph::catalog::Catalog;
 use maquette_value::plain::ending;
 use maquette_value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
 
-use crate::cli::counted;
+use crate::counted;
 
 /// The types of values that are scans, in the order in which a file is tried.
 pub(super) const KINDS: [&str; 3] = [RangeImage::NAME, Mesh::NAME, Points::NAME];
@@ -244,7 +244,7 @@ fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
 }
 
 /// Whether numbers are meters by the format of a file.
-pub(in crate::cli) fn in_meters(file: &Path) -> bool {
+pub(crate) fn in_meters(file: &Path) -> bool {
     ["las", "laz", "e57"].contains(&&ending(file)[..])
 }
 

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 
+use maquette_engine::writing::Shelf;
 use maquette_graph::catalog::Catalog;
 use maquette_render::{Look, picture};
 use maquette_value::plain;
@@ -14,7 +15,6 @@ use maquette_value::{
 use serde_json::{Map, Value as Json, json};
 
 use super::request::{Form, Input, Numbers};
-use crate::writing::Shelf;
 
 /// The files that a host may read: each is named by what is in it, so that the same numbers keep their file.
 pub(super) struct Columns {

@@ -5,14 +5,13 @@ use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use maquette_engine::writing::{Destination, Refused, Sources, Turn, rewrite};
 use maquette_syntax::error::Place;
 use maquette_syntax::{parse, read_tree};
 use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
-use crate::writing::{Destination, Refused, Sources, Turn, rewrite};
-
-pub(in crate::cli) const ENDING: &str = "layout.ron";
+pub(crate) const ENDING: &str = "layout.ron";
 
 /// Column and row of a box, as [`Places`](maquette_diagram::Places) has them, but anywhere in between, too.
 type Spot = (f64, f64);

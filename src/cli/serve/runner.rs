@@ -6,6 +6,9 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use maquette_engine::eval::NodeTrace;
+use maquette_engine::session;
+use maquette_engine::session::{Finished, Session, Wanted};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, InputValues, Options};
 use maquette_node::CancelToken;
@@ -17,10 +20,8 @@ use serde_json::{Value as Json, json};
 use super::columns::Columns;
 use super::request::{Form, Input, Load, Run, Want};
 use super::{Answer, lock};
-use crate::cli::events::{Events, Listener};
-use crate::cli::put_problems;
-use crate::eval::NodeTrace;
-use crate::session::{self, Finished, Session, Wanted};
+use crate::events::{Events, Listener};
+use crate::put_problems;
 
 /// What the thread is to do.
 pub(super) enum Job {

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
+use maquette_engine::eval::State;
 use maquette_syntax::error::{Problem, Severity};
 use maquette_syntax::telling::harmless;
 use maquette_syntax::telling::in_full;
 
 use super::worker::Report;
-use crate::cli::column_width;
-use crate::cli::terminal::wrapped;
-use crate::cli::{counted, in_bytes};
-use crate::eval::State;
+use crate::column_width;
+use crate::terminal::wrapped;
+use crate::{counted, in_bytes};
 
 /// A list of names in the status takes at most so many rows; the problems need the room.
 const MOST_ROWS: usize = 3;
@@ -33,7 +33,7 @@ pub(super) struct Block {
     /// Which run or attempt this is about.
     pub(super) run: usize,
     /// The last evaluation that came to its end.
-    pub(super) report: Option<Report>,
+    pub report: Option<Report>,
     /// The last run without errors.
     pub(super) good: Option<usize>,
     /// Whether run `run` is under way.
@@ -260,13 +260,13 @@ mod tests {
     use std::sync::Arc;
 
     use expect_test::{Expect, expect};
+    use maquette_engine::eval::{NodeTrace, RunTrace};
+    use maquette_engine::session::Written;
     use maquette_syntax::error::{Source, Span, code};
     use maquette_value::Hash;
 
     use super::super::worker::Purpose;
     use super::*;
-    use crate::eval::{NodeTrace, RunTrace};
-    use crate::session::Written;
 
     fn node(name: &str, state: State, reason: &str) -> NodeTrace {
         NodeTrace {

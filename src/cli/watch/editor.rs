@@ -6,8 +6,9 @@
 use std::path::Path;
 use std::process::Command;
 
+use maquette_preview::Location;
+
 use super::launch::{find, start, words};
-use crate::page::Location;
 
 const VARIABLE: &str = "MAQUETTE_EDITOR";
 

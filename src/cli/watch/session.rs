@@ -10,9 +10,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
+use maquette_engine::writing::is_writable;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Checked, Graph, ReadFile};
 use maquette_node::CancelToken;
+use maquette_preview::{Views, Wish};
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::Hash;
 
@@ -21,11 +23,9 @@ use super::on_done::{Ended, OnDone};
 use super::view::View;
 use super::worker::{Job, News, Purpose, Report, Sight, Worker};
 use super::{Message, Watch, editor, reads_outside};
-use crate::cli::terminal::Input;
-use crate::cli::{Exit, stdout_is_closed};
-use crate::page::{Views, Wish};
-use crate::watch::{Batch, Contents, Event, Sources};
-use crate::writing::is_writable;
+use crate::listen::{Batch, Contents, Event, Sources};
+use crate::terminal::Input;
+use crate::{Exit, stdout_is_closed};
 
 mod page;
 

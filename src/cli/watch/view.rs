@@ -5,19 +5,19 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use maquette_engine::eval::{Observer, State};
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
+use maquette_preview::Page;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
 
 use super::block::Block;
 use super::worker::{Observe, Report, Seen};
-use crate::cli::events::{Ending, Events, Listener, does_not_stop};
-use crate::cli::run::counts;
-use crate::cli::terminal::{Input, Screen};
-use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
-use crate::eval::{Observer, State};
-use crate::page::Page;
+use crate::events::{Ending, Events, Listener, does_not_stop};
+use crate::run::counts;
+use crate::terminal::{Input, Screen};
+use crate::{counted, eprint, print, print_as_it_is, report, shows_color};
 
 /// Tells the user, or a program, how the watch goes.
 pub(super) trait View {

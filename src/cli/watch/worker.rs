@@ -7,18 +7,18 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
+use maquette_engine::eval::{Observer, RunTrace};
+use maquette_engine::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
 use maquette_graph::Graph;
 use maquette_node::CancelToken;
+use maquette_preview::{Shown, Viewed, Views};
 use maquette_render::picture_of;
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Problem, Severity, code};
 use maquette_value::AnyValue;
 
-use crate::cli::inputs::InputOptions;
-use crate::cli::look::Source;
-use crate::eval::{Observer, RunTrace};
-use crate::page::{Shown, Viewed, Views};
-use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
+use crate::inputs::InputOptions;
+use crate::look::Source;
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
 /// one run needs, so that a day of changes does not fill the memory.
@@ -321,11 +321,11 @@ fn panicked(job: &Job, words: &str) -> Report {
 
 #[cfg(test)]
 mod tests {
+    use maquette_engine::session::Settings;
     use maquette_graph::Options;
     use maquette_graph::catalog::Catalog;
 
     use super::*;
-    use crate::session::Settings;
 
     fn reports_to(sender: Sender<Report>) -> impl Fn(News) + Send + 'static {
         move |news| {
@@ -396,7 +396,7 @@ mod tests {
     fn what_somebody_looks_at_is_told_before_files_are_written() {
         let folder = tempfile::tempdir().unwrap();
         let (path, file) = (folder.path().join("graph.ron"), folder.path().join("out/mask.png"));
-        let catalog = Arc::new(Catalog::new(&[&FAULTY]));
+        let catalog = Arc::new(Catalog::new(&[&maquette_format::PACK, &FAULTY]));
         let text = "Graph(format: 1, nodes: { \"mask\": Faulty(panics: false) }, outputs: { \"mask.png\": \"mask\" })";
         std::fs::write(&path, text).unwrap();
         let graph = Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap());
@@ -435,7 +435,7 @@ mod tests {
     fn a_node_that_panics_is_red_the_rest_is_written_and_the_next_run_works() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("graph.ron");
-        let catalog = Arc::new(Catalog::new(&[&FAULTY]));
+        let catalog = Arc::new(Catalog::new(&[&maquette_format::PACK, &FAULTY]));
         let graph = |panics: bool| {
             let text = format!(
                 "Graph(format: 1, nodes: {{ \"bad\": Faulty(panics: {panics}), \"good\": Faulty(panics: false) }},

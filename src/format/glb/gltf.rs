@@ -1,14 +1,24 @@
 //! Reads glTF whose buffers and pictures are files of their own, or stand in the document as text: as the GLB file that says the same.
 
+use base64::Engine as _;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::Mesh;
-use maquette_value::base64::bytes_of;
 use percent_encoding::percent_decode_str;
 use serde_json::{Value as Json, json};
 use thiserror::Error;
 
 use super::{GlbReadError, container, read};
+
+/// As RFC 4648, section 4, has it; the signs at its end may be missing, and what is over in its last bits is no fault.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::RequireNone)
+        .with_decode_allow_trailing_bits(true),
+);
 
 /// Why bytes are not a mesh in a glTF file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -133,7 +143,9 @@ fn content(uri: &str, file: &Reading<'_>) -> Result<Vec<u8>, String> {
     match uri.strip_prefix("data:") {
         Some(data) => {
             let (_, text) = data.split_once(";base64,").ok_or("its bytes are not in base64")?;
-            bytes_of(text).ok_or_else(|| "its text is no base64".to_owned())
+            BASE64
+                .decode(text.trim_end_matches('='))
+                .map_err(|_| "its text is no base64".to_owned())
         }
         None => Ok(file.companion(&percent_decode_str(uri).decode_utf8_lossy())?.to_vec()),
     }
@@ -143,7 +155,7 @@ fn content(uri: &str, file: &Reading<'_>) -> Result<Vec<u8>, String> {
 mod tests {
     use std::sync::Arc;
 
-    use maquette_value::base64::base64;
+    use base64::prelude::BASE64_STANDARD;
     use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
 
@@ -188,9 +200,11 @@ mod tests {
         document["images"] = json!([{ "uri": "color.png" }]);
         let files = [("my mesh.bin", &buffer[..]), ("color.png", &picture[..])];
         assert_eq!(read_with(&document, &files), Ok(whole.clone()));
-        document["images"][0]["uri"] = format!("data:image/png;base64,{}", base64(&picture)).into();
+        document["images"][0]["uri"] =
+            format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&picture)).into();
         document["buffers"][0]["uri"] =
-            format!("data:application/octet-stream;base64,{}", base64(&buffer)).into();
+            format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&buffer))
+                .into();
         assert_eq!(read_with(&document, &[]), Ok(whole.clone()));
         // Each part of the mesh may be in a buffer of its own.
         let half = buffer.len() / 2 / 8 * 8;

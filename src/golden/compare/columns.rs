@@ -1,9 +1,10 @@
 //! Two columns, element by element.
 
+use maquette_engine::six;
 use maquette_value::parallel::*;
 
-use super::{Measure, Tolerance, in_unit, six, unit};
-use crate::golden::parts::{Class, GoldenColumn};
+use super::{Measure, Tolerance, in_unit, unit};
+use crate::parts::{Class, GoldenColumn};
 
 /// The default tolerance, as a share of the diagonal of all places or numbers: a billionth. The same program
 /// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that

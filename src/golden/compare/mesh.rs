@@ -1,5 +1,6 @@
 //! Two meshes: face by face if they have the same faces, else by the distance of their surfaces.
 
+use maquette_engine::six;
 use maquette_value::Topology;
 use maquette_value::parallel::*;
 use maquette_value::{AnyValue, Attributes, Mesh};
@@ -7,8 +8,8 @@ use maquette_value::{NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::columns::{difference, in_words, judge, measure, worst};
-use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
-use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
+use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order};
+use crate::parts::{Class, GoldenColumn, GoldenParts};
 
 /// Compares two meshes, of which the columns of the old one may be off by what `error` says for each name.
 pub(crate) fn compare_meshes(
@@ -99,17 +100,6 @@ fn rings(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len()).into_par_iter().map(ring).collect();
     rings.par_sort_unstable();
     rings
-}
-
-/// How far each vertex of one mesh is from the surface of another one, in mm.
-pub(crate) fn distances(from: &Mesh, to: &Mesh) -> Vec<f64> {
-    distances_of(from.positions(), to)
-}
-
-/// How far each place is from the surface of a mesh, in mm.
-pub(crate) fn distances_of(places: &[Point3<f64>], to: &Mesh) -> Vec<f64> {
-    let hits = TriangleTree::new(to).nearest_to_all(places);
-    hits.iter().map(|hit| hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt())).collect()
 }
 
 /// Places of one mesh, and where another one is nearest to each.

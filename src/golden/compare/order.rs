@@ -5,7 +5,7 @@ use maquette_value::random;
 use maquette_value::random::STEP;
 use maquette_value::{AnyValue, Attributes, Mesh, Points};
 
-use crate::golden::parts::{GoldenColumn, GoldenParts};
+use crate::parts::{GoldenColumn, GoldenParts};
 
 /// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
 pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {

@@ -8,12 +8,12 @@ use maquette_value::{AnyValue, Image, Mesh};
 use super::pack::{Column, Kept, mark};
 use super::summary::{Line, SKETCH, summary};
 use super::{BECAUSE, FORM, Golden, KEPT_FOR, KEPT_IN, Written, every, picture_of};
-use crate::golden::compare::{
+use crate::compare::{
     Comparison, Measure, Rounding, Tolerance, Verdict, allowed, compare_columns, compare_meshes,
     compare_parts, different_facts, given, in_unit, measure, unit, without_order,
 };
-use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
-use crate::golden::sketch::Sketch;
+use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
+use crate::sketch::Sketch;
 
 /// What is said of a golden that an earlier program wrote.
 const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
@@ -370,8 +370,8 @@ mod tests {
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
-    use crate::golden::compare::Keep;
-    use crate::golden::store::{files, read};
+    use crate::compare::Keep;
+    use crate::store::{files, read};
 
     /// What is kept of a value.
     fn kept(value: &AnyValue) -> Golden {

@@ -8,7 +8,7 @@ use maquette_value::{
 use nalgebra::{Point3, Vector3};
 
 use super::{Golden, files, read};
-use crate::golden::compare::{Tolerance, Verdict};
+use crate::compare::{Tolerance, Verdict};
 
 /// Pseudo-random, from 0 to 1.
 fn chance(seed: usize) -> f64 {

@@ -11,8 +11,8 @@ use serde_json::{Value as Json, json};
 use self::coder::{Coder, EVEN, Reader, Writer};
 use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
-use crate::golden::compare::Tolerance;
-use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
+use crate::compare::Tolerance;
+use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 
 mod coder;
 mod faces;

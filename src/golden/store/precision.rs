@@ -6,8 +6,8 @@
 //! hardly changed: it is the one with the same last digits that is nearest to the new one. A checksum of all numbers of the column (its
 //! mark) confirms this; if any number has changed more, the mark is another one.
 
-use crate::golden::compare::{Tolerance, allowed, given, size};
-use crate::golden::parts::{Class, GoldenColumn};
+use crate::compare::{Tolerance, allowed, given, size};
+use crate::parts::{Class, GoldenColumn};
 
 /// Columns of no more numbers than this are kept to the last bit.
 pub(super) const FEW: usize = 256;

@@ -1,12 +1,13 @@
 //! What a value is, in lines that people read in a diff.
 
+use maquette_engine::six::six;
 use maquette_value::{AnyValue, Mesh, Range};
 use maquette_value::{Extent, Topology};
 
 use super::Written;
-use crate::golden::compare::{Tolerance, allowed, six, without_order};
-use crate::golden::parts::{Class, GoldenParts};
-use crate::golden::sketch::Sketch;
+use crate::compare::{Tolerance, allowed, without_order};
+use crate::parts::{Class, GoldenParts};
+use crate::sketch::Sketch;
 
 /// What a value is in a golden: the texts of its summary, and how much those with numbers may differ.
 pub(super) struct Line {

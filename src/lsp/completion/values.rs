@@ -7,9 +7,9 @@ use maquette_syntax::{Unit, ron, unit_names, variants};
 use serde_json::Value as Json;
 
 use super::{Proposal, Search, Sort, is_text};
-use crate::lsp::library::{Library, NodeKind};
-use crate::lsp::scope::Declared;
-use crate::lsp::slot::{Slot, fields_of, takes};
+use crate::library::{Library, NodeKind};
+use crate::scope::Declared;
+use crate::slot::{Slot, fields_of, takes};
 
 impl Search<'_> {
     /// Types of nodes: graphs that are used, then what takes the newest values.

@@ -6,8 +6,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use lsp_server::{Connection, Message, Notification, Request};
-use maquette::lsp::{Setup, serve};
 use maquette::{CacheFolder, Session, Settings};
+use maquette_lsp::{Setup, serve};
 use serde_json::{Value as Json, json};
 
 /// Only a failing test waits that long.

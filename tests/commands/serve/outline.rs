@@ -34,7 +34,7 @@ fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
 fn graphs(project: &Project) -> Vec<PathBuf> {
     let mut graphs = Vec::new();
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs");
     let folders = iter::once(own).chain(beside("graphs"));
     for (index, folder) in folders.enumerate() {
         copy(&folder, &project.folder().join(format!("graphs-{index}")), &mut graphs);

@@ -525,7 +525,7 @@ fn a_file_that_is_there_is_not_replaced() {
 
 #[test]
 fn nothing_is_computed_anew() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/doll.ron");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll.ron");
     let path = path.canonicalize().unwrap();
     let load = |text: &str, options: &Options| {
         Graph::load_text(&path, text.to_owned(), catalog(), options).graph.unwrap()

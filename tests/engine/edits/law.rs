@@ -24,7 +24,7 @@ const WALK: usize = 8;
 
 /// All graphs of the project, and those of the folder beside it if it is there.
 pub(super) fn graphs() -> Vec<(PathBuf, String)> {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let folders = [own].into_iter().chain(beside("graphs"));
     let mut files = Vec::from_iter(folders.flat_map(|folder| ron_files(&folder)));
     files.sort();

@@ -32,7 +32,7 @@ fn a_name_is_changed_wherever_it_is_named() {
 
 #[test]
 fn the_names_in_uses_and_lists_and_choices_follow() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let check = |file: &str, from: &str, to: &str, expected: &[(&str, &str)]| {
         let path = folder.join(file);
         let text = std::fs::read_to_string(&path).unwrap();

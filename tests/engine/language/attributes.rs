@@ -5,7 +5,7 @@ use maquette_nodes::PACKS;
 
 #[test]
 fn the_manual_has_a_row_for_each_declaration_and_no_other() {
-    let manual = include_str!("../../../src/language/attributes.md");
+    let manual = include_str!("../../../src/lsp/language/attributes.md");
     let rows = manual.lines().filter(|line| line.starts_with("| ") && line.contains(", `"));
     let catalog = Catalog::new(PACKS).to_json();
     let nodes = catalog["nodes"].as_array().unwrap();

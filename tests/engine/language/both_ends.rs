@@ -10,7 +10,7 @@ fn problems(path: &Path) -> Vec<Problem> {
 }
 
 fn bad() -> Vec<Problem> {
-    problems(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad/both-ends.ron"))
+    problems(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad/both-ends.ron"))
 }
 
 #[test]

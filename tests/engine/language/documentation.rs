@@ -13,7 +13,7 @@ struct Sample {
 
 /// The samples of each topic. What a comment in the first line is the name of a file, is it.
 fn samples() -> Vec<(String, Vec<Sample>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/language");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../src/lsp/language");
     let mut topics = Vec::new();
     for file in fs::read_dir(folder).unwrap() {
         let path = file.unwrap().path();
@@ -61,7 +61,7 @@ fn told(problems: &[Problem]) -> String {
 
 #[test]
 fn every_sample_is_a_whole_file_that_runs() {
-    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
+    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let temporary = tempfile::tempdir().unwrap();
     let (mut graph_count, mut case_count) = (0, 0);
     for (topic, samples) in samples() {

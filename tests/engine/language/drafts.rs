@@ -20,7 +20,7 @@ const TEXT: &str = r#"Graph(
 )"#;
 
 fn path() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/drafted.ron")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/drafted.ron")
 }
 
 fn options(draft: bool) -> Options {
@@ -220,7 +220,7 @@ fn fmt_and_diff_keep_a_draft_and_tell_what_changed_in_it() {
 
 #[test]
 fn goldens_are_of_final_results() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/language");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/language");
     let report = test_graphs(&folder, &Catalog::new(PACKS), 2).unwrap();
     assert!(report.failures.is_empty(), "{:?}", report.failures);
     assert!(report.graphs.iter().any(|graph| graph.ends_with("drafts.ron")));

@@ -7,7 +7,7 @@ use maquette_nodes::PACKS;
 
 #[test]
 fn the_sample_is_what_comes_of_both_sides() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/language/merge");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/language/merge");
     let source = |name: &str| {
         let name = folder.join(name);
         let text = std::fs::read_to_string(&name).unwrap();

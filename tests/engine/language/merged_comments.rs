@@ -204,7 +204,7 @@ fn both_comment(
 
 /// Tries a law on all graphs.
 fn try_on_all(law: fn(&Path, &str, &Dice, &Catalog) -> Result<(), TestCaseError>) {
-    let paths = ron_files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs"));
+    let paths = ron_files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs"));
     let number =
         |name: &str| std::env::var(name).ok().and_then(|number| number.parse::<u64>().ok());
     let (cases, seed) = (number("LAW_EDITS"), number("PROPTEST_RNG_SEED").unwrap_or(0));

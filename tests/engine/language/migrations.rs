@@ -11,7 +11,7 @@ use maquette::{
 
 use crate::ron_files::ron_files;
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 fn catalog() -> Catalog {
     Catalog::new(&[maquette_nodes::PACKS, &[&maquette_third_party::PACK]].concat())

@@ -9,7 +9,7 @@ use maquette_nodes::PACKS;
 use crate::ron_files::ron_files;
 
 fn graphs() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs")
 }
 
 fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {

@@ -209,7 +209,7 @@ fn one_scan_in_meters_and_in_millimeters_gives_the_same_results() {
 
 #[test]
 fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/doll.ron");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll.ron");
     let text = std::fs::read_to_string(&path).unwrap();
     let catalog = Catalog::new(PACKS);
     let set = |value: &str| {

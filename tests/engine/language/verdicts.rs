@@ -27,7 +27,7 @@ struct Project(tempfile::TempDir);
 impl Project {
     /// What became of the moved mesh in a process of its own, what was said before that would become of it, and what is wrong.
     fn run(&self, text: &str, far: &str) -> (State, String, Vec<String>) {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/verdicts.ron");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/verdicts.ron");
         let set = vec![("far".to_owned(), far.to_owned())];
         let options = Options { set, ..Options::default() }.with_text(&path, text);
         let checked = Graph::load(&path, &Catalog::new(PACKS), &options);

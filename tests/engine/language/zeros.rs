@@ -7,7 +7,7 @@ use maquette_nodes::PACKS;
 
 /// What became of a mesh that is subdivided so often, or what is wrong.
 fn subdivided(session: &mut Session, levels: &str, set: &[(String, String)]) -> State {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/zeros.ron");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/zeros.ron");
     let text = format!(
         r#"Graph(
             format: 1,

@@ -60,7 +60,14 @@ enum Resolved {
 impl Sources {
     /// Reads the crate whose `lib.rs` stands in `folder`.
     pub(crate) fn read(folder: &Path) -> Self {
-        Self::of(&|name| fs::read_to_string(folder.join(name)).ok())
+        Self::read_from(folder, "lib.rs")
+    }
+
+    /// The same of one whose root has another name.
+    pub(crate) fn read_from(folder: &Path, root: &str) -> Self {
+        let mut sources = Self { modules: Vec::new() };
+        sources.add_file(root, "", 0, &|name| fs::read_to_string(folder.join(name)).ok());
+        sources
     }
 
     /// Reads the crate whose `lib.rs` and other files `text` gives by their names in the crate.

@@ -27,7 +27,8 @@ fn shared() -> Vec<(String, Mesh)> {
 }
 
 fn read(path: &Path) -> Mesh {
-    maquette_format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap())).unwrap()
+    maquette_format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap()))
+        .unwrap()
 }
 
 /// A file of the doll of the example graphs.

@@ -11,10 +11,10 @@ use maquette_value::Hash;
 use maquette_value::plain;
 
 use super::{Running, Session};
-use crate::cli::edit::GraphFile;
-use crate::cli::watch::Watch;
-use crate::cli::watch::drag::Values;
-use crate::cli::watch::worker::Purpose;
+use crate::edit::GraphFile;
+use crate::watch::Watch;
+use crate::watch::drag::Values;
+use crate::watch::worker::Purpose;
 
 impl<'a> Session<'a> {
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.

@@ -1,5 +1,0 @@
-//! The program `maquette` with the built-in packs: copy this file to make one with yours.
-
-fn main() -> std::process::ExitCode {
-    maquette::cli::main(maquette_nodes::PACKS)
-}

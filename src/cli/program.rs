@@ -1,0 +1,169 @@
+//! The program: its words, and what it ends with.
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use maquette_graph::catalog::Catalog;
+use maquette_node::pack::Pack;
+
+use super::*;
+
+/// A node-based geometry graph for redesigning scanned objects.
+#[derive(Parser)]
+#[command(name = "maquette", version, propagate_version = true)]
+#[command(disable_help_subcommand = true, after_help = topics())]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Look at a folder of scans and write a graph that runs on them.
+    New(new::New),
+    /// Evaluate a graph and write its outputs.
+    Run(run::Run),
+    /// Run a graph over many scans and many values, and show what came of them side by side.
+    Batch(batch::Batch),
+    /// Evaluate a graph again whenever something that it depends on changes.
+    Watch(watch::Watch),
+    /// Find every problem of some graphs; run nothing.
+    Check(check::Check),
+    /// Draw a graph as SVG or for Graphviz; the files that it reads need not be there.
+    Draw(draw::Draw),
+    /// Bring graphs into their canonical form; comments and order stay.
+    Fmt(fmt::Fmt),
+    /// Put values into a graph file and leave every other byte of it alone.
+    Set(set::Set),
+    /// Add, remove, rename and link nodes of a graph file and leave every other byte of it alone.
+    Edit(edit::Edit),
+    /// Make some nodes of a graph a graph of their own, and use it in their place.
+    Extract(extract::Extract),
+    /// Put the nodes of a used graph in the place of one use of it.
+    Inline(inline::Inline),
+    /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
+    Diff(diff::Diff),
+    /// Put together what two people made of one graph: git's merge driver for graphs.
+    Merge(merge::Merge),
+    /// Put the new names of nodes and fields into graphs that have old ones.
+    Migrate(migrate::Migrate),
+    /// Write down what the graphs are that a graph uses, beside it: `--locked` holds them to it.
+    Lock(lock::Lock),
+    /// Show what changed in the graphs that a graph uses since they were locked, and take it.
+    Update(lock::Update),
+    /// Compare the outputs of graphs with what they were when somebody looked at them.
+    Test(test::Test),
+    /// Compare two files by what they mean: meshes, range data, pictures.
+    Compare(compare::Compare),
+    /// Make a picture of any value, of a graph or a file.
+    Render(render::Render),
+    /// Make an output again by what it tells of the graph that it came from, and say whether it is the same.
+    Replay(replay::Replay),
+    /// Show what graphs give from five sides, with the least and the greatest of each parameter, in one picture each.
+    Sheet(sheet::Sheet),
+    /// Print the reference of all nodes, or of one.
+    Nodes(nodes::Nodes),
+    /// Make a page of all graphs of a folder, each with its picture.
+    Gallery(gallery::Gallery),
+    /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
+    Inspect(inspect::Inspect),
+    /// Say why a node would run, or why not, since the last evaluation of the graph.
+    Why(why::Why),
+    /// Keep a node's result beside the graph: from then on the node is not run.
+    Pin(pin::Pin),
+    /// Take pins of a graph away: the nodes run again.
+    Unpin(pin::Unpin),
+    /// Run graphs for another program, by lines of JSON; see docs/serve.md.
+    Serve(serve::Serve),
+    /// Serve editors: problems, completion, names and more, by the language server protocol.
+    Lsp(lsp::Lsp),
+    /// Look after the results that are kept on disk.
+    Cache(cache::Cache),
+    /// Explain the language of graphs, a topic at a time, or a command.
+    Help(help::Help),
+    /// Print a script that completes commands in a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+pub(crate) fn topics() -> String {
+    let contents = maquette_lsp::language::contents();
+    format!("The language of graphs, by `{} help TOPIC`:\n{}", program(), contents.trim_end())
+}
+
+/// The whole program, with these packs.
+pub fn main(packs: &[&Pack]) -> ExitCode {
+    ExitCode::from(run(packs, std::env::args_os()))
+}
+
+/// The whole program with these packs and these words, the first of which is its name; for a process that is more than that, as an
+/// interpreter is. Gives its exit code: 0 done, 1 the graph failed, 2 the words are wrong, 130 interrupted.
+///
+/// Ctrl-C and the allocator are the program's from then on, as [`main`] has them.
+pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
+    maquette_value::memory::keep_freed();
+    maquette_engine::eval::this_is_a_program();
+    let words = Vec::from_iter(words);
+    NAME.get_or_init(|| name_in(words.first()));
+    let cli = match Cli::try_parse_from(words) {
+        Ok(cli) => cli,
+        Err(told) => {
+            // Nobody is left to tell if it cannot be printed.
+            let _ = told.print();
+            return told.exit_code() as u8;
+        }
+    };
+    let catalog = Arc::new(Catalog::new(packs));
+    let exit = match cli.command {
+        Command::Run(command) => command.run(&catalog),
+        Command::Batch(command) => command.run(&catalog),
+        Command::Watch(command) => command.run(&catalog),
+        Command::Check(command) => command.run(&catalog),
+        Command::Draw(command) => command.run(&catalog),
+        Command::Fmt(command) => command.run(&catalog),
+        Command::Set(command) => command.run(&catalog),
+        Command::Edit(command) => command.run(&catalog),
+        Command::Extract(command) => command.run(&catalog),
+        Command::Inline(command) => command.run(&catalog),
+        Command::Diff(command) => command.run(&catalog),
+        Command::Merge(command) => command.run(&catalog),
+        Command::Migrate(command) => command.run(&catalog),
+        Command::Lock(command) => command.run(&catalog),
+        Command::Update(command) => command.run(&catalog),
+        Command::Test(command) => command.run(&catalog),
+        Command::Compare(command) => command.run(&catalog),
+        Command::Render(command) => command.run(&catalog),
+        Command::Replay(command) => command.run(&catalog),
+        Command::Sheet(command) => command.run(&catalog),
+        Command::New(command) => command.run(&catalog),
+        Command::Nodes(command) => command.run(&catalog),
+        Command::Gallery(command) => command.run(&catalog),
+        Command::Inspect(command) => command.run(&catalog),
+        Command::Why(command) => command.run(&catalog),
+        Command::Pin(command) => command.run(&catalog),
+        Command::Unpin(command) => command.run(),
+        Command::Serve(command) => command.run(&catalog),
+        Command::Lsp(command) => command.run(&catalog),
+        Command::Cache(command) => command.run(),
+        Command::Help(command) => command.run(),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), program(), &mut script);
+            print_document(&String::from_utf8_lossy(&script));
+            Exit::Done
+        }
+    };
+    match exit {
+        Exit::Done => 0,
+        Exit::Failed => 1,
+        Exit::Interrupted => 130,
+        Exit::Usage(why) => {
+            eprint(&format!("error: {why}\n"));
+            2
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! The contact sheet of a batch: one page with a picture of each task, made of records alone.
+
+use std::path::{Path, PathBuf};
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use maquette_engine::writing::Sources;
+use maquette_golden::sweep::Sweep;
+use maquette_syntax::telling::escaped;
+use maquette_value::plain;
+use serde_json::{Value as Json, json};
+
+use super::Batch;
+use super::record::{Record, State};
+
+/// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.
+const PAGE: &str = include_str!("sheet/sheet.html");
+const STYLE: &str = include_str!("sheet/sheet.css");
+
+/// The modules of its script, each behind those that it takes something from at the start.
+const SCRIPTS: [&str; 9] = [
+    include_str!("sheet/element.js"),
+    include_str!("sheet/data.js"),
+    include_str!("sheet/state.js"),
+    include_str!("sheet/cards.js"),
+    include_str!("sheet/layout.js"),
+    include_str!("sheet/filter.js"),
+    include_str!("sheet/one.js"),
+    include_str!("sheet/compare.js"),
+    include_str!("sheet/sheet.js"),
+];
+
+impl Batch<'_> {
+    /// Makes the page of the records that are there, and says where it is.
+    ///
+    /// # Errors
+    /// In words, if it cannot be written.
+    pub(crate) fn write_sheet(&self) -> Result<PathBuf, String> {
+        let path = self.out.join("index.html");
+        let page = page(self.sweep, self.out, self.options.draft);
+        let written = self.destination(&Sources::default()).put(&path, page.as_bytes());
+        written.map_err(|why| format!("cannot write {}: {why}", path.display()))?;
+        Ok(path)
+    }
+}
+
+/// The page of a sweep whose records lie in this folder. Tasks without a record are missing.
+fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
+    let title = sweep.source.name.file_name().unwrap_or_default().to_string_lossy();
+    let graph = sweep.graph.file_name().unwrap_or_default().to_string_lossy();
+    let (width, height) = sweep.picture.size;
+    let tasks = sweep.tasks.iter().map(|task| {
+        let values = &task.row.values;
+        let Some(record) = Record::read(out, &task.name) else {
+            return json!({ "name": task.name, "state": "missing", "values": values, "files": [], "problems": [] });
+        };
+        of_record(&record, values, out)
+    });
+    let data = json!({
+        "title": if is_draft { format!("{title}, drafts") } else { title.into_owned() },
+        "graph": graph,
+        "names": sweep.names,
+        "size": [width.0, height.0],
+        "tasks": Vec::from_iter(tasks),
+    });
+    // No text in it ends the script that it stands in.
+    let data = escaped(&data.to_string()).replace('<', "\\u003c");
+    let script = script();
+    let mut page = String::with_capacity(PAGE.len() + script.len() + STYLE.len() + data.len());
+    for (index, piece) in PAGE.split("@@").enumerate() {
+        page += match piece {
+            "style" if index % 2 == 1 => STYLE,
+            "data" if index % 2 == 1 => &data,
+            "script" if index % 2 == 1 => &script,
+            piece => piece,
+        };
+    }
+    page
+}
+
+/// All modules as one, in which what one takes from another is there already.
+fn script() -> String {
+    let lines = SCRIPTS.iter().flat_map(|script| script.lines());
+    let lines = lines.filter(|line| !line.starts_with("import "));
+    let lines = lines.map(|line| line.strip_prefix("export ").unwrap_or(line));
+    Vec::from_iter(lines).join("\n")
+}
+
+fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
+    let picture = record.picture.as_ref();
+    let picture = picture.and_then(|picture| plain::read_own(&out.join(&picture.path)).ok());
+    let picture =
+        picture.map(|bytes| format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&bytes)));
+    let file = |output: &super::record::Output| json!({ "name": output.name, "path": output.path, "bytes": output.bytes });
+    let problem = |problem: &Json| {
+        let text = |name: &str| problem[name].as_str().unwrap_or_default();
+        let place = format!("{}:{}:{}", text("file"), problem["line"], problem["column"]);
+        json!({ "severity": text("severity"), "message": text("message"), "place": place, "help": text("help") })
+    };
+    json!({
+        "name": record.name,
+        "state": match record.state { State::Done => "done", State::Failed => "failed" },
+        "values": values,
+        "seconds": record.seconds,
+        "nodes": record.nodes,
+        "picture": picture,
+        "files": Vec::from_iter(record.outputs.iter().map(file)),
+        "problems": Vec::from_iter(record.problems.iter().map(problem)),
+    })
+}

@@ -1,0 +1,542 @@
+//! The one way to run a graph: every host, and the command line with them, asks a session.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use maquette_graph::catalog::Catalog;
+use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
+use maquette_node::CancelToken;
+use maquette_node::pack::{NewFile, Pack};
+use maquette_node::provenance::{Provenance, Signature};
+use maquette_remote::Exchange;
+use maquette_syntax::error::{Error, Problem, Severity, code};
+use maquette_syntax::{unknown, with_article};
+use maquette_value::{AnyValue, Value};
+
+use crate::eval::Remembered;
+use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
+use crate::expect;
+use crate::expect::Violation;
+
+mod elements;
+mod made;
+mod outputs;
+mod pins;
+mod provenance;
+mod settings;
+mod verdicts;
+
+pub use made::ReadFiles;
+pub use outputs::Left;
+pub use outputs::{OutputFolder, Written, save};
+pub use pins::{PinError, means, pinnable, unpin};
+pub use provenance::{Teller, sign};
+pub use settings::{CacheFolder, CacheServer, SessionError, Settings};
+pub use settings::{default_folder, disk_size, size};
+
+/// What a program knows from one run of a graph to the next: its packs, its threads, and results in memory and on disk.
+///
+/// ```
+/// use maquette::{Options, Run, Session, Settings};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let mut session = Session::new(&[], &Settings::in_memory())?;
+/// let text = r#"Graph(format: 1, nodes: {}, outputs: {})"#;
+/// let checked = session.load("empty.ron".as_ref(), &Options::default().with_text("empty.ron", text));
+/// let graph = checked.graph.ok_or("the graph has problems")?;
+/// let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].message.clone())?;
+/// assert!(done.problems().is_empty());
+/// # Ok(())
+/// # }
+/// ```
+pub struct Session {
+    catalog: Arc<Catalog>,
+    evaluator: Evaluator,
+    /// How many bytes results may hold.
+    memory: usize,
+    /// Why nothing is kept on disk, though it should be.
+    disk_warning: Option<String>,
+    /// How many elements there were last.
+    known: elements::Known,
+}
+
+/// What is to be evaluated of a graph, and with what.
+pub struct Run<'a> {
+    /// Which values are wanted.
+    pub wanted: Wanted,
+    /// The values of the graph's inputs, if it has some, by name.
+    pub inputs: InputValues,
+    /// Is told what happens, as it happens.
+    pub observer: &'a dyn Observer,
+    /// Stops the evaluation.
+    pub cancel: CancelToken,
+}
+
+impl Default for Run<'_> {
+    fn default() -> Self {
+        let (wanted, inputs, cancel) = Default::default();
+        Self { wanted, inputs, observer: &(), cancel }
+    }
+}
+
+/// Which values of a graph are wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Wanted {
+    /// Those of all outputs, and all of which the graph expects something.
+    #[default]
+    Outputs,
+    /// The same, and those of these nodes (`node`) or outputs of nodes (`node.output`).
+    OutputsAnd(Vec<String>),
+    /// Those of these outputs, nodes (`node`) or outputs of nodes (`node.output`).
+    Named(Vec<String>),
+    /// Those of all outputs of these nodes, or of all nodes that make what a use of a graph gives, whatever outputs of the graph are
+    /// called the same.
+    Nodes(Vec<String>),
+    /// Those of every node.
+    Everything,
+}
+
+impl Session {
+    /// A session with these packs. Results are the same for any settings.
+    ///
+    /// # Errors
+    /// If the threads cannot be started, or the folder that was named for results cannot be used.
+    pub fn new(packs: &[&Pack], settings: &Settings) -> Result<Self, SessionError> {
+        Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
+    }
+
+    /// The same with a catalog that others use, too.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new).
+    pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
+        let (evaluator, disk_warning) = settings.evaluator(&catalog)?;
+        let most = settings.max_memory.and_then(|most| usize::try_from(most).ok());
+        let memory = settings.memory.min(most.unwrap_or(usize::MAX));
+        Ok(Self { catalog, evaluator, memory, disk_warning, known: elements::Known::new() })
+    }
+
+    /// What its packs offer.
+    pub fn catalog(&self) -> &Catalog {
+        &self.catalog
+    }
+
+    /// The same for who keeps it.
+    pub fn shared_catalog(&self) -> Arc<Catalog> {
+        self.catalog.clone()
+    }
+
+    /// Reads and checks the graph at this path, or in [`Options::texts`], and those that it uses. Runs no node.
+    pub fn load(&self, path: &Path, options: &Options) -> Checked {
+        Graph::load(path, &self.catalog, options)
+    }
+
+    /// The values in some files for inputs of a graph, by the inputs' types and the files' endings, and the
+    /// warnings of their readers.
+    ///
+    /// # Errors
+    /// For each name that is no input's, and each file that cannot be read.
+    pub fn read_inputs(
+        &self,
+        graph: &Graph,
+        files: &[(String, PathBuf)],
+    ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+        graph.read_inputs(files, &self.catalog)
+    }
+
+    /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
+    ///
+    /// # Errors
+    /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then but what
+    /// says how many elements there are.
+    pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
+        let graph = self.fed(graph, &run.inputs)?;
+        let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.wanted);
+        let graph = self.resolved(&graph, &wanted, run.observer, &run.cancel);
+        let of_outputs = || graph.outputs.iter().map(|output| output.node).collect::<Vec<_>>();
+        let named = |name: &str| match graph.value_named(name) {
+            Some((node, _)) => vec![node],
+            None => graph.nodes_of(name),
+        };
+        let mut nodes = match &run.wanted {
+            Wanted::Outputs => of_outputs(),
+            Wanted::OutputsAnd(names) => [of_outputs(), places(&graph, names, named)?].concat(),
+            Wanted::Everything => (0..graph.nodes.len()).collect(),
+            Wanted::Named(names) => places(&graph, names, named)?,
+            Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
+        };
+        let expected = match &run.wanted {
+            Wanted::Nodes(_) => Vec::new(),
+            Wanted::Named(_) => graph.expected_of_uses(&nodes),
+            Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expected(&nodes),
+        };
+        nodes.extend(expect::nodes_of(&expected));
+        nodes.extend(graph.empty());
+        let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
+        let judge = || expect::violations(&graph, evaluation.by_place(), &expected);
+        let violations = self.evaluator.install(judge);
+        Ok(Finished { graph, evaluation, violations })
+    }
+
+    /// Evaluates outputs of a graph, all if none is named, and writes them to a folder. Only values that must be written are made: a
+    /// file that holds the right bytes already is left alone.
+    ///
+    /// # Errors
+    /// In words, if the graph has no output of such a name.
+    pub fn produce(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+    ) -> Result<Produced, String> {
+        self.produce_after(graph, only, folder, observer, cancel, |_| {})
+    }
+
+    /// The same, which writes after something else has been done with what was evaluated.
+    pub fn produce_after(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+        first: impl FnOnce(&mut Self),
+    ) -> Result<Produced, String> {
+        outputs_of(graph, only)?;
+        let wanted = |graph: &Graph| {
+            let outputs = outputs_of(graph, only).unwrap_or_default();
+            elements::judged_too(graph, outputs.iter().map(|output| output.node).collect())
+        };
+        let graph = &self.resolved(graph, &wanted, observer, cancel);
+        let outputs = outputs_of(graph, only)?;
+        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let expected = graph.expected(&nodes);
+        nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty()));
+        let (mut verdicts, open) = self.unjudged(graph, &expected);
+        let evaluator = &mut self.evaluator;
+        let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
+        values.extend(expect::nodes_of(&open));
+        let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
+        first(self);
+        let evaluator = &self.evaluator;
+        let (written, unwritten) =
+            folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
+        folder.keep(evaluator);
+        let mut problems = evaluation.problems();
+        if !open.is_empty() {
+            let judge = || verdicts.judge(graph, &evaluation, &open, cancel);
+            let violations = self.evaluator.install(judge);
+            problems.extend(violations.into_iter().map(|violation| violation.problem));
+            self.keep_verdicts(graph, &verdicts);
+        }
+        let complete = !unwritten.iter().any(|problem| problem.severity == Severity::Error);
+        problems.extend(unwritten);
+        Ok(Produced { evaluation, written, complete, problems })
+    }
+
+    /// Writes the outputs of a run to a folder: each file whole or not at all. Gives the files, and what could not be written.
+    pub fn write(
+        &self,
+        finished: &Finished,
+        folder: &OutputFolder,
+    ) -> (Vec<Written>, Vec<Problem>) {
+        let outputs = Vec::from_iter(&finished.graph.outputs);
+        let cancel = CancelToken::default();
+        let Finished { graph, evaluation, .. } = finished;
+        folder.write(&outputs, evaluation, graph, &self.catalog, &self.evaluator, &cancel)
+    }
+
+    /// Finds out what the last process knew of the files in a folder of outputs.
+    pub fn recall(&self, folder: &OutputFolder) {
+        folder.recall(&self.evaluator);
+    }
+
+    /// What each node would do if these outputs, all if none is named, were made now, and why. The graph is one as it is
+    /// [last known](Self::as_last_known).
+    pub fn dry_run(&mut self, graph: &Graph, only: &[String]) -> Result<Vec<Forecast>, String> {
+        let outputs = outputs_of(graph, only)?;
+        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        nodes.extend(expect::nodes_of(&graph.expected(&nodes)));
+        Ok(self.forecast(graph, &nodes))
+    }
+
+    /// What each node that these need would do now, and why. The values of which something is expected are needed themselves, if they
+    /// are not known to be so.
+    pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
+        let needed = graph.shape.needed_by(nodes);
+        let (_, open) = self.unjudged(graph, &graph.expected(nodes));
+        let mut judged = expect::nodes_of(&open);
+        judged.retain(|&node| needed[node]);
+        self.evaluator.forecast(graph, nodes, &judged)
+    }
+
+    /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is
+    /// [last known](Self::as_last_known).
+    pub fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
+        self.evaluator.remembered(graph)
+    }
+
+    /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in
+    /// words, a line or more for each. None if the graph has no such node.
+    pub fn why(&mut self, graph: &Graph, name: &str) -> Option<String> {
+        let graph = &self.as_last_known(graph);
+        let nodes = graph.nodes_of(name);
+        let forecasts = self.forecast(graph, &nodes);
+        let told = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
+        let open = graph.open_loop(name).map(|open| {
+            format!("how many elements `{}` has is known when the graph has been run\n", open.name)
+        });
+        (!nodes.is_empty() || open.is_some()).then(|| told.chain(open).collect())
+    }
+
+    /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them
+    /// fails. Its outputs become files in the preferred formats of their types.
+    ///
+    /// # Errors
+    /// If an input gets a value of another type, or a value is for no input.
+    pub fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
+        if inputs.is_empty() && graph.inputs().is_empty() {
+            return Ok(graph.clone());
+        }
+        graph.with_inputs(inputs, &self.catalog)
+    }
+
+    /// Runs something on the session's threads.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.evaluator.install(work)
+    }
+
+    /// What was last noted on disk of a file or folder, by this build of the program.
+    pub fn note(&self, of: &Path) -> Option<Vec<u8>> {
+        self.evaluator.disk()?.note(of)
+    }
+
+    /// Notes something of a file or folder on disk, if results are kept there.
+    pub fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
+        if let Some(disk) = self.evaluator.disk() {
+            disk.keep_note(of, note(), Vec::new());
+        }
+    }
+
+    /// How many bytes results may hold.
+    pub fn memory(&self) -> usize {
+        self.memory
+    }
+
+    /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
+    pub fn use_memory(&mut self, bytes: usize) {
+        self.evaluator.set_memory(bytes);
+    }
+
+    /// Whether what is found from now on is put on disk, too.
+    pub fn keep_on_disk(&mut self, keep: bool) {
+        self.evaluator.keep_on_disk(keep);
+    }
+
+    /// Drops every result in memory; what is on disk stays, but the next run does not use it.
+    pub fn forget(&mut self) {
+        self.known.clear();
+        self.evaluator.forget();
+    }
+
+    /// Why results are not kept on disk, though they should be.
+    pub fn trouble(&self) -> Option<&str> {
+        self.disk_warning.as_deref().or_else(|| self.write_trouble())
+    }
+
+    /// Why results that were made could not be kept on disk.
+    pub(crate) fn write_trouble(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::trouble)
+    }
+
+    /// The trouble with the server of results, if there was any: see [`Disk::sharing`].
+    pub fn server_trouble(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::server_trouble)
+    }
+
+    /// What went wrong with keeping and sharing results, in words.
+    pub fn troubles(&self) -> Vec<String> {
+        let unkept = |why| format!("results are not kept for the next run: {why}");
+        let server = self.server_trouble().map(str::to_owned);
+        self.write_trouble().map(unkept).into_iter().chain(server).collect()
+    }
+
+    /// The same, as warnings of a graph.
+    pub fn warnings(&self, graph: &Graph) -> Vec<Problem> {
+        let problem = |trouble| graph.problem(code::WARNING, trouble);
+        let warning = |it| Problem { severity: Severity::Warning, ..problem(it) };
+        self.troubles().into_iter().map(warning).collect()
+    }
+
+    /// What the server of results was asked for so far, if there is one.
+    pub fn exchange(&self) -> Option<Exchange> {
+        self.evaluator.disk().and_then(Disk::exchange)
+    }
+
+    /// Waits until all results that are worth it are on disk, and drops old ones if there are too many. What a server of results has
+    /// not been sent a second later it does not get.
+    pub fn finish(&self) {
+        if let Some(disk) = self.evaluator.disk() {
+            disk.finish();
+        }
+    }
+}
+
+/// The outputs of these names; all if there are none.
+pub(crate) fn outputs_of<'g>(
+    graph: &'g Graph,
+    only: &[String],
+) -> Result<Vec<&'g GraphOutput>, String> {
+    if only.is_empty() {
+        return Ok(graph.outputs.iter().collect());
+    }
+    let find = |name: &String| {
+        let is_meant = |output: &&GraphOutput| {
+            let is_port = graph.ports().iter().any(|port| port.name == *name);
+            output.name == *name || is_port && Path::new(&output.name).with_extension("") == **name
+        };
+        graph.outputs.iter().find(is_meant).ok_or_else(|| {
+            let known = Vec::from_iter(graph.output_names());
+            unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
+        })
+    };
+    only.iter().map(find).collect()
+}
+
+/// The nodes that give what these names mean, each of which `find` looks up.
+fn places(
+    graph: &Graph,
+    names: &[String],
+    find: impl Fn(&str) -> Vec<usize>,
+) -> Result<Vec<usize>, Vec<Problem>> {
+    let (mut nodes, mut problems) = (Vec::new(), Vec::new());
+    for name in names {
+        let found = find(name);
+        if found.is_empty() {
+            let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
+            let message = graph.unknown("output or node", name, "it has", &known);
+            problems.push(graph.problem(code::UNKNOWN_LINK, message));
+        }
+        nodes.extend(found);
+    }
+    if problems.is_empty() { Ok(nodes) } else { Err(problems) }
+}
+
+/// What a run gave.
+pub struct Finished {
+    graph: Graph,
+    evaluation: Evaluation,
+    pub violations: Vec<Violation>,
+}
+
+impl Finished {
+    /// The value of an output, a node (its first output) or an output of a node, `node.output`, if it was wanted and did not fail.
+    pub fn value(&self, name: &str) -> Option<&AnyValue> {
+        let (node, output) = self.graph.value_named(name)?;
+        self.evaluation.value(node, output)
+    }
+
+    /// The same as a value of the type `T`.
+    ///
+    /// # Errors
+    /// In words: there is no such value, or it is of another type.
+    pub fn get<T: Value>(&self, name: &str) -> Result<&T, String> {
+        let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
+        let kind = with_article(value.kind().name);
+        value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
+    }
+
+    /// The value at this node and output of the graph that was run.
+    pub fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
+        self.evaluation.value(node, output)
+    }
+
+    /// The value of this output of this node, or of a use of a graph, whatever outputs of the graph are called the same; if it was
+    /// wanted and did not fail.
+    pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
+        self.evaluation.find(&self.graph, node, output)
+    }
+
+    /// The values of all outputs of a node, if they are all there.
+    pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
+        let node = self.graph.find(name)?;
+        let outputs = 0..self.graph.nodes[node].outputs.len();
+        outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
+    }
+
+    /// The files that an output of the graph would be written to, all in one folder; none if its value is not there.
+    ///
+    /// # Errors
+    /// If the value cannot be written in the output's format.
+    pub fn files(&self, output: &str) -> Option<Result<Vec<NewFile>, Error>> {
+        let output = self.graph.outputs.iter().find(|known| known.name == output)?;
+        self.evaluation.files(output, None)
+    }
+
+    /// Where an output of the graph, which was wanted, comes from.
+    pub fn provenance(&self, output: &GraphOutput, catalog: &Catalog) -> Provenance {
+        let teller = Teller::new(&self.graph, catalog);
+        teller.provenance(output, |node| self.evaluation.read_by(node))
+    }
+
+    /// The files of an output, signed; none if its value is not there.
+    pub fn signed_files(
+        &self,
+        output: &GraphOutput,
+        signature: Option<&Signature>,
+    ) -> Option<Result<Vec<NewFile>, Error>> {
+        self.evaluation.files(output, signature)
+    }
+
+    /// What happened to each node, each after those that it hangs on.
+    pub fn trace(&self) -> RunTrace {
+        self.evaluation.trace()
+    }
+
+    /// What failed, what nodes warn of, and what the graph expects that does not hold; also nodes of unknown types that something
+    /// wanted hangs on.
+    pub fn problems(&self) -> Vec<Problem> {
+        let violations = self.violations.iter().map(|violation| violation.problem.clone());
+        self.evaluation.unknown().chain(self.failures()).chain(violations).collect()
+    }
+
+    /// What failed, and what nodes warn of.
+    pub fn failures(&self) -> Vec<Problem> {
+        self.evaluation.problems()
+    }
+
+    /// What of these expectations does not hold.
+    pub fn judged(&self, expected: &[&Expected]) -> Vec<Violation> {
+        expect::violations(&self.graph, self.evaluation.by_place(), expected)
+    }
+
+    /// The graph that was run, with its inputs.
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+}
+
+/// What became of outputs that were to be written.
+pub struct Produced {
+    evaluation: Evaluation,
+    /// The files of the outputs that are right now, those that were before included.
+    pub written: Vec<Written>,
+    /// Whether every file could be written whose value is there.
+    pub complete: bool,
+    /// What failed, what nodes warn of, what does not hold, and what could not be written.
+    pub problems: Vec<Problem>,
+}
+
+impl Produced {
+    /// What happened to each node, each after those that it hangs on.
+    pub fn trace(&self) -> RunTrace {
+        self.evaluation.trace()
+    }
+
+    /// How long reading the files of nodes took, in seconds, on all threads together.
+    pub fn seconds_of_files(&self) -> f64 {
+        self.evaluation.seconds_of_files()
+    }
+}

@@ -1,0 +1,496 @@
+//! The laws that every pack keeps, as a function to call from a pack's own tests.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Mutex;
+
+use maquette_engine::eval::Evaluator;
+use maquette_graph::catalog::{Catalog, Entry};
+use maquette_graph::{Graph, GraphNode, Options, is_name};
+use maquette_node::pack::Pack;
+use maquette_node::reading::Readers;
+use maquette_node::{CancelToken, Context, Progress};
+use maquette_syntax::error::Error;
+use maquette_syntax::{check_default, inside, resolve, variants};
+use maquette_value::{AnyValue, ValueType};
+use serde_json::Value as Json;
+
+mod attributes;
+mod cells;
+mod extremes;
+mod files;
+mod formats;
+mod migrations;
+mod promises;
+mod updates;
+mod values;
+
+/// How much memory the evaluators of a check may hold.
+const MEMORY: usize = 1 << 30;
+
+/// Checks that `pack` keeps the laws:
+///
+/// 1. Names of nodes, values, ports and outputs are unique and well formed.
+/// 2. Every node, port, parameter and choice is documented.
+/// 3. Every default is valid.
+/// 4. The node's example `<examples>/<Node>.ron` exists and runs.
+/// 5. Changing any parameter changes the key.
+/// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
+/// 7. Hostile values of the input types cause errors, not panics.
+/// 8. With its numbers at the ends of their ranges, one by one and together, on the values of its example and on hostile ones, a node
+///    ends, fails with an error, or stops soon when it is told to.
+/// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
+/// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
+/// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
+/// 12. What its migrations call old is not there, and what they call new is.
+/// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings; and one that makes something
+///     of unchanged inputs does of changed ones, too.
+/// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end; pieces that are said to be made of the
+///     same are the same.
+///
+/// `others` are the packs whose nodes the examples use beside those of `pack`.
+///
+/// # Errors
+/// Every law that is broken, in words.
+pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<String>> {
+    let mut broken = Vec::new();
+    names(pack, others, &mut broken);
+    let packs: Vec<&Pack> = std::iter::once(pack).chain(others.iter().copied()).collect();
+    let catalog = Catalog::new(&packs);
+    pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
+    pack.readers.iter().for_each(|reader| files::check(reader, &catalog, &mut broken));
+    pack.formats.iter().for_each(|format| formats::check(format, &mut broken));
+    migrations::check(pack, &catalog, &mut broken);
+    for node in pack.nodes {
+        let name = (node.name)();
+        let Some(entry) = catalog.find(&name) else { continue };
+        documentation(entry, &mut broken);
+        defaults(entry, &mut broken);
+        promises::names(entry, &catalog, &mut broken);
+        example(entry, &catalog, examples, &mut broken);
+    }
+    if broken.is_empty() { Ok(()) } else { Err(broken) }
+}
+
+fn is_camel_case(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_uppercase())
+        && name.chars().all(|c| c.is_ascii_alphanumeric())
+}
+
+fn names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
+    let mut seen = BTreeSet::new();
+    let strangers = others.iter().filter(|other| other.name != pack.name);
+    for (pack, is_own) in strangers.map(|other| (*other, false)).chain([(pack, true)]) {
+        let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
+        let values = pack.values.iter().map(|value| value.name.to_owned());
+        // A node may be called like the value that it makes: ControlNet is both.
+        let names = nodes.map(|name| ("node", name)).chain(values.map(|name| ("value", name)));
+        for (what, name) in names {
+            if is_own && !is_camel_case(&name) {
+                broken.push(format!("{what} `{name}` is not in CamelCase"));
+            }
+            if !seen.insert((what, name.clone())) && is_own {
+                broken.push(format!("there are two {what}s `{name}`"));
+            }
+        }
+    }
+    for node in pack.nodes {
+        let name = (node.name)();
+        let outputs = (node.outputs)();
+        let distinct: BTreeSet<_> = outputs.iter().map(|output| output.name).collect();
+        if distinct.len() != outputs.len() {
+            broken.push(format!("{name} has two outputs of the same name"));
+        }
+        for output in outputs.iter().filter(|output| !is_name(output.name)) {
+            broken.push(format!("output `{}` of {name} is not in lower case", output.name));
+        }
+    }
+}
+
+fn is_sentence(schema: &Json) -> bool {
+    let doc = schema.get("description").and_then(Json::as_str).unwrap_or_default().trim();
+    doc.ends_with(['.', ':', ')', '?', '`', '|'])
+}
+
+fn documentation(entry: &Entry, broken: &mut Vec<String>) {
+    let schema = entry.schema();
+    let mut undocumented =
+        |what: String| broken.push(format!("{} has no documentation: {what}", entry.name));
+    if !is_sentence(schema) {
+        undocumented("the node itself".into());
+    }
+    let definitions = schema.get("$defs").and_then(Json::as_object).into_iter().flatten();
+    for (owner, content) in
+        definitions.map(|(name, content)| (&name[..], content)).chain([("", schema)])
+    {
+        for (name, field) in
+            content.get("properties").and_then(Json::as_object).into_iter().flatten()
+        {
+            if !is_sentence(field) {
+                undocumented(format!("field {owner} {name}"));
+            }
+        }
+        for choice in content.get("oneOf").and_then(Json::as_array).into_iter().flatten() {
+            if !is_sentence(choice) {
+                undocumented(format!(
+                    "choice {} of {owner}",
+                    variants(&serde_json::json!({"oneOf": [choice]}))
+                        .into_iter()
+                        .map(|(name, _)| name)
+                        .collect::<String>()
+                ));
+            }
+            for content in choice.get("properties").and_then(Json::as_object).into_iter().flatten()
+            {
+                for (name, field) in
+                    content.1.get("properties").and_then(Json::as_object).into_iter().flatten()
+                {
+                    if !is_sentence(field) {
+                        undocumented(format!("field {name} of {}", content.0));
+                    }
+                }
+            }
+        }
+        // Words without a sentence each come as one list.
+        if content.get("enum").is_some() {
+            undocumented(format!("the choices of {owner}"));
+        }
+    }
+}
+
+fn defaults(entry: &Entry, broken: &mut Vec<String>) {
+    let schema = entry.schema();
+    for (name, field) in schema.get("properties").and_then(Json::as_object).into_iter().flatten() {
+        if let Some(default) = field.get("default") {
+            for message in check_default(default, field, schema) {
+                broken
+                    .push(format!("the default of `{name}` of {} is wrong: {message}", entry.name));
+            }
+        }
+    }
+}
+
+/// Everything that needs a graph with the node in it.
+fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
+    let path = examples.join(format!("{}.ron", entry.name));
+    let load = |set: Vec<(String, String)>| {
+        Graph::load(&path, catalog, &Options { set, ..Options::default() })
+    };
+    let checked = load(Vec::new());
+    let Some(graph) = checked.graph else {
+        let why = checked.problems.into_iter().map(|problem| problem.message);
+        broken.push(format!(
+            "the example {} does not check: {}",
+            path.display(),
+            Vec::from_iter(why).join("; ")
+        ));
+        return;
+    };
+    let Some(index) = graph.nodes.iter().position(|node| node.kind() == entry.name) else {
+        broken.push(format!("the example {} has no {}", path.display(), entry.name));
+        return;
+    };
+    let mut hashes = Vec::new();
+    for threads in [1, 2, 8] {
+        match run(&graph, threads) {
+            Ok(values) => hashes.push(
+                values.iter().map(|value| value.as_ref().map(AnyValue::hash)).collect::<Vec<_>>(),
+            ),
+            Err(why) => broken.push(format!("the example {} does not run: {why}", path.display())),
+        }
+    }
+    if hashes.windows(2).any(|pair| pair[0] != pair[1]) {
+        broken.push(format!("{} gives other bytes for another number of threads", entry.name));
+    }
+    for path in changes(&graph.nodes[index].recipe.parameters, entry.schema()) {
+        let set = vec![(format!("{}.{}", graph.nodes[index].name, path.0), path.1.clone())];
+        let Some(changed) = load(set).graph else { continue };
+        let changed_node =
+            changed.find(&graph.nodes[index].name).map(|index| &changed.nodes[index]);
+        if changed_node
+            .is_some_and(|node| node.recipe.parameters == graph.nodes[index].recipe.parameters)
+        {
+            broken.push(format!(
+                "{}: setting `{}` to {} does not change the key",
+                entry.name, path.0, path.1
+            ));
+        }
+    }
+    let Ok(values) = run_all(&graph) else { return };
+    let hostile = Hostile(catalog.value_types());
+    hostile_inputs(entry, &graph, index, &values, &hostile, broken);
+    let load = |set| load(set).graph;
+    let case = extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile };
+    promises::check(&case, broken);
+    attributes::check(&case, broken);
+    cells::check(&case, broken);
+    let changes = changes(&graph.nodes[index].recipe.parameters, entry.schema());
+    let others = changes
+        .into_iter()
+        .filter_map(|(path, to)| load(vec![(format!("{}.{path}", graph.nodes[index].name), to)]));
+    updates::check(&case, others, broken);
+    extremes::check(&case, &load, broken);
+}
+
+/// The first output of every node.
+fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
+    let mut evaluator = Evaluator::new(threads, MEMORY).map_err(|error| error.to_string())?;
+    let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
+    let errors = evaluation
+        .problems()
+        .into_iter()
+        .filter(|problem| problem.severity == maquette_syntax::error::Severity::Error);
+    let errors: Vec<String> = errors.map(|problem| problem.message).collect();
+    if errors.is_empty() {
+        Ok((0..graph.nodes.len()).map(|node| evaluation.value(node, 0).cloned()).collect())
+    } else {
+        Err(errors.join("; "))
+    }
+}
+
+/// Another value for each parameter: its path and the value as RON.
+fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
+    let mut changes = Vec::new();
+    for (name, value) in parameters.as_object().into_iter().flatten() {
+        let field = &schema["properties"][name];
+        change(value, field, schema, name, &mut changes);
+    }
+    changes
+}
+
+fn change(
+    value: &Json,
+    field: &Json,
+    root: &Json,
+    path: &str,
+    changes: &mut Vec<(String, String)>,
+) {
+    let schema = inside(field, root);
+    match value {
+        Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
+        Json::Number(number) => {
+            let x = number.as_f64().unwrap_or_default();
+            let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
+            let step = if is_whole { 1.0 } else { 0.125 };
+            let others = [x + step, x - step, -x].into_iter().filter(|other| *other != x);
+            changes.extend(others.map(|x| (path.to_owned(), x.to_string())));
+        }
+        Json::String(word) => {
+            let others = variants(&schema).into_iter().filter(|(name, _)| *name != word);
+            // Of the fields of a variant all may have defaults.
+            let text = |(name, content): (&str, Option<&Json>)| match content {
+                Some(_) => (path.to_owned(), format!("{name}()")),
+                None => (path.to_owned(), name.to_owned()),
+            };
+            changes.extend(others.map(text));
+        }
+        Json::Array(items) => {
+            // Lists may be long, and their entries are alike.
+            for (place, item) in items.iter().take(4).enumerate() {
+                change(item, &schema["items"], root, &format!("{path}.{place}"), changes);
+            }
+        }
+        Json::Object(entries) => {
+            let choices = variants(&schema);
+            for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
+                let chosen = choices.iter().find(|(known, _)| known == name);
+                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
+                    // The fields of a chosen variant stand directly behind its name in the file.
+                    Some(Some(content)) if content.get("properties").is_some() => {
+                        change(value, &content, root, path, changes);
+                    }
+                    Some(Some(content)) => {
+                        change(value, &content, root, &format!("{path}.0"), changes);
+                    }
+                    Some(None) => {}
+                    None => {
+                        let field = &schema["properties"][name];
+                        change(value, field, root, &format!("{path}.{name}"), changes);
+                    }
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Runs the node with one input after the other replaced by values that are hard to treat.
+fn hostile_inputs(
+    entry: &Entry,
+    graph: &Graph,
+    index: usize,
+    values: &Values,
+    hostile: &Hostile,
+    broken: &mut Vec<String>,
+) {
+    let outputs = values.iter().filter(|((node, _), _)| *node == index);
+    for value in outputs.map(|(_, value)| value).filter(|value| !value.can_be_read_back()) {
+        broken.push(format!("{}: what `Value::decode` gives is not {value:?}", entry.name));
+    }
+    let node = &graph.nodes[index];
+    let Some(good) = inputs(node, values) else { return };
+    let ports = entry.ports();
+    for (slot, link) in node.links.iter().enumerate() {
+        let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
+        for value in port.types.iter().flat_map(|kind| hostile.values(kind)) {
+            let mut inputs = good.clone();
+            let what = format!("{value:?}");
+            inputs[slot] = value;
+            if let Err(panic) = call(node, &inputs, Progress::none()) {
+                broken.push(format!(
+                    "{} panics on a hostile {what} at `{}`: {panic}",
+                    entry.name, link.port
+                ));
+            }
+        }
+    }
+}
+
+/// The types of values that are known, by name.
+struct Hostile(HashMap<&'static str, &'static ValueType>);
+
+impl Hostile {
+    /// Values of the type of this name that are hard to treat.
+    fn values(&self, kind: &str) -> Vec<AnyValue> {
+        self.0.get(kind).map_or_else(Vec::new, |kind| kind.hostile())
+    }
+}
+
+/// Outputs by node and output.
+type Values = BTreeMap<(usize, usize), AnyValue>;
+
+/// What comes to a node's links.
+fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
+    node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect()
+}
+
+/// All outputs of all nodes.
+fn run_all(graph: &Graph) -> Result<Values, String> {
+    let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
+    let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
+    let places = (0..graph.nodes.len())
+        .flat_map(|node| (0..graph.nodes[node].outputs.len()).map(move |output| (node, output)));
+    let value = |place: (usize, usize)| Some((place, evaluation.value(place.0, place.1)?.clone()));
+    Ok(places.filter_map(value).collect())
+}
+
+/// Evaluates a node by itself; an error is what a panic said.
+fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
+    made(node, inputs, progress).map(|_| ())
+}
+
+/// What a node makes of some values, by itself; none if it fails.
+fn made(
+    node: &GraphNode,
+    inputs: &[AnyValue],
+    progress: Progress<'_>,
+) -> Result<Option<Vec<AnyValue>>, String> {
+    let (result, _) = within(inputs, progress, |cx| node.node.eval(cx))?;
+    Ok(result.ok())
+}
+
+/// What some code of a node makes of some values, and what it warns of; an error is what a panic said.
+fn within<R>(
+    inputs: &[AnyValue],
+    progress: Progress<'_>,
+    work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
+) -> Result<(Result<R, Error>, Vec<String>), String> {
+    let (files, readers) = (BTreeMap::new(), Readers::default());
+    let cx = Context {
+        inputs,
+        files: &files,
+        progress,
+        memos: None,
+        readers: &readers,
+        warnings: Mutex::default(),
+    };
+    let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));
+    let result = result.map_err(|panic| maquette_syntax::error::in_words(&*panic))?;
+    Ok((result, cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner())))
+}
+
+#[cfg(test)]
+mod tests {
+    use schemars::JsonSchema;
+    use serde::Serialize;
+
+    use super::*;
+
+    #[derive(Serialize, JsonSchema)]
+    struct Heal {
+        holes: Holes,
+        method: Option<Method>,
+        #[serde(flatten)]
+        limits: Limits,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Holes {
+        #[expect(dead_code, reason = "only its name is needed")]
+        All,
+        Region(Region),
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Region {
+        Ball { radius: f64, hard: bool },
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Method {
+        Exemplar(Exemplar),
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    struct Exemplar {
+        levels: u32,
+        start: Start,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Start {
+        Plate,
+        #[expect(dead_code, reason = "only its name is needed")]
+        Cone,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    struct Limits {
+        count: u32,
+        at: [f64; 2],
+    }
+
+    #[test]
+    fn parameters_are_changed_however_deep_they_are() {
+        let node = Heal {
+            holes: Holes::Region(Region::Ball { radius: 2.0, hard: false }),
+            method: Some(Method::Exemplar(Exemplar { levels: 3, start: Start::Plate })),
+            limits: Limits { count: 5, at: [1.0, 0.0] },
+        };
+        let schema = Json::from(schemars::schema_for!(Heal));
+        let changes = changes(&serde_json::to_value(&node).unwrap(), &schema);
+        let changes = Vec::from_iter(changes.iter().map(|(path, to)| format!("{path} {to}")));
+        assert_eq!(
+            changes,
+            [
+                "holes.0.radius 2.125",
+                "holes.0.radius 1.875",
+                "holes.0.radius -2",
+                "holes.0.hard true",
+                "method.levels 4",
+                "method.levels 2",
+                "method.levels -3",
+                "method.start Cone",
+                "count 6",
+                "count 4",
+                "count -5",
+                "at.0 1.125",
+                "at.0 0.875",
+                "at.0 -1",
+                "at.1 0.125",
+                "at.1 -0.125",
+            ]
+        );
+    }
+}

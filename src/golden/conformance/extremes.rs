@@ -1,0 +1,173 @@
+//! Law 8: nodes end, fail or stop soon, with all numbers at the ends of their ranges.
+
+use std::sync::mpsc;
+use std::time::Duration;
+
+use maquette_graph::Graph;
+use maquette_graph::catalog::Entry;
+use maquette_node::{CancelToken, Progress};
+use maquette_syntax::{inside, resolve, variants};
+use maquette_value::AnyValue;
+use maquette_value::random::Random;
+use serde_json::Value as Json;
+
+use super::{Hostile, Values, call, inputs};
+
+/// What is checked: a node of its example, and the values of the example.
+pub(super) struct Case<'a> {
+    pub(super) entry: &'a Entry,
+    pub graph: &'a Graph,
+    pub(super) index: usize,
+    pub(super) values: &'a Values,
+    pub(super) hostile: &'a Hostile,
+}
+
+/// How long a node may work before it is told to stop,
+const WORK: Duration = Duration::from_millis(200);
+
+/// and how much longer it may then go on. Many times the 50 ms between two checks, because the machine may be busy.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// So many mixtures of numbers and hostile values are tried.
+const MIXTURES: usize = 12;
+
+/// A number of a node: its path, and values at the ends of its range.
+type Ends = (String, Vec<String>);
+
+/// Checks law 8 for a node; `load` gives its example with other parameters.
+pub(super) fn check(
+    case: &Case<'_>,
+    load: &dyn Fn(Vec<(String, String)>) -> Option<Graph>,
+    broken: &mut Vec<String>,
+) {
+    let node = &case.graph.nodes[case.index];
+    let Some(good) = inputs(node, case.values) else { return };
+    let numbers = numbers(&node.recipe.parameters, case.entry.schema());
+    let mut tell = |set: &[(String, String)], inputs: Vec<AnyValue>| {
+        let paths = set.iter().map(|(path, to)| (format!("{}.{path}", node.name), to.clone()));
+        let Some(graph) = load(paths.collect()) else { return };
+        if let Err(why) = run(graph, &node.name, inputs) {
+            let set = Vec::from_iter(set.iter().map(|(path, to)| format!("{path}: {to}")));
+            broken.push(format!("{} with {}: {why}", case.entry.name, set.join(", ")));
+        }
+    };
+    for (path, ends) in &numbers {
+        ends.iter().for_each(|to| tell(&[(path.clone(), to.clone())], good.clone()));
+    }
+    let ports = case.entry.ports();
+    let mut dice = Random(0);
+    for _ in 0..MIXTURES {
+        let mut set = Vec::new();
+        for (path, ends) in &numbers {
+            if let Some(to) = ends.get(dice.below(ends.len() + 1)) {
+                set.push((path.clone(), to.clone()));
+            }
+        }
+        let mut inputs = good.clone();
+        for (input, link) in inputs.iter_mut().zip(&node.links) {
+            let port = ports.iter().find(|port| port.name == link.port);
+            let kinds = port.iter().flat_map(|port| &port.types);
+            let mut hostile = Vec::from_iter(kinds.flat_map(|kind| case.hostile.values(kind)));
+            let chosen = dice.below(2 * hostile.len() + 1);
+            if chosen < hostile.len() {
+                *input = hostile.swap_remove(chosen);
+            }
+        }
+        tell(&set, inputs);
+    }
+}
+
+/// Runs a node on a thread of its own and tells it to stop after a while; an error is what a panic said, or that it did not.
+fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
+    let (send, receive) = mpsc::channel();
+    let cancel = CancelToken::default();
+    let (token, name) = (cancel.clone(), name.to_owned());
+    std::thread::spawn(move || {
+        let Some(index) = graph.find(&name) else { return };
+        let progress = Progress { report: None, cancel: Some(&token) };
+        let work = || call(&graph.nodes[index], &inputs, progress);
+        // Its loops would have to wait where others keep all common threads busy.
+        let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
+        // Nobody may be waiting any more.
+        let _ = send.send(own.and_then(|own| own.install(work)));
+    });
+    let ended = receive.recv_timeout(WORK).or_else(|_| {
+        cancel.cancel();
+        receive.recv_timeout(PATIENCE)
+    });
+    ended.unwrap_or_else(|_| Err(format!("{PATIENCE:?} after it was told to stop it goes on")))
+}
+
+/// All numbers among parameters, with the ends of their ranges.
+fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
+    let mut numbers = Vec::new();
+    for (name, value) in parameters.as_object().into_iter().flatten() {
+        collect(value, &schema["properties"][name], schema, name, &mut numbers);
+    }
+    numbers
+}
+
+fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Vec<Ends>) {
+    let schema = inside(field, root);
+    match value {
+        Json::Number(_) => numbers.push((path.to_owned(), ends(&schema))),
+        Json::Array(items) => {
+            for (place, item) in items.iter().enumerate() {
+                collect(item, &schema["items"], root, &format!("{path}.{place}"), numbers);
+            }
+        }
+        Json::Object(entries) => {
+            let choices = variants(&schema);
+            for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
+                let chosen = choices.iter().find(|(known, _)| known == name);
+                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
+                    // The fields of a chosen variant stand directly behind its name in the file.
+                    Some(Some(content)) if content.get("properties").is_some() => {
+                        collect(value, &content, root, path, numbers);
+                    }
+                    Some(Some(content)) => {
+                        collect(value, &content, root, &format!("{path}.0"), numbers);
+                    }
+                    Some(None) => {}
+                    None => {
+                        let field = &schema["properties"][name];
+                        collect(value, field, root, &format!("{path}.{name}"), numbers);
+                    }
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The least and the greatest number that a schema allows, and where it has no end numbers far out; of real numbers also a small one.
+fn ends(schema: &Json) -> Vec<String> {
+    let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
+    let bound = |name: &str| schema.get(name).and_then(Json::as_f64);
+    let (least, most) = (bound("minimum"), bound("maximum"));
+    let ends = match is_whole {
+        true => vec![least.unwrap_or(0.0), most.unwrap_or(f64::from(u32::MAX))],
+        false => vec![least.unwrap_or(-1e300), 1e-9, most.unwrap_or(1e300)],
+    };
+    let is_allowed = |x: &f64| least.is_none_or(|least| least <= *x);
+    let is_allowed = |x: &f64| is_allowed(x) && most.is_none_or(|most| *x <= most);
+    ends.into_iter()
+        .filter(is_allowed)
+        .map(|x| if is_whole { x.to_string() } else { format!("{x:e}") })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_are_those_of_the_range_or_far_out() {
+        let whole = serde_json::json!({ "type": "integer", "minimum": 3, "maximum": 9 });
+        assert_eq!(ends(&whole), ["3", "9"]);
+        let real = serde_json::json!({ "type": "number", "minimum": 0.5 });
+        assert_eq!(ends(&real), ["5e-1", "1e300"]);
+        let any = serde_json::json!({ "type": "number" });
+        assert_eq!(ends(&any), ["-1e300", "1e-9", "1e300"]);
+    }
+}

@@ -1,0 +1,103 @@
+//! Results for CI systems: JUnit's XML.
+
+use std::fmt::Write as _;
+
+use maquette_engine::six::six;
+
+use super::{Report, State};
+use crate::compare::Comparison;
+
+/// The document.
+pub fn document(report: &Report) -> String {
+    let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
+    let failures = report.count(|case| case.state == State::Failed) + report.orphans.len();
+    let errors = report.count(|case| case.state == State::Broken) + report.problems.len();
+    let skipped = report.count(|case| matches!(case.state, State::Skipped(_)));
+    let tests = report.cases.len() + report.orphans.len() + report.problems.len();
+    let _ = writeln!(
+        text,
+        "<testsuites><testsuite name=\"maquette\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\" skipped=\"{skipped}\" time=\"{:.3}\">",
+        report.seconds
+    );
+    for case in &report.cases {
+        let (graph, name) = (escape(&case.graph.display().to_string()), escape(&case.name));
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"{graph}\" name=\"{name}\" time=\"{:.3}\">",
+            case.seconds
+        );
+        if !case.outputs.is_empty() {
+            text.push_str("<properties>");
+            for output in &case.outputs {
+                let name = escape(&output.name);
+                let value = escape(&in_words(&output.comparison));
+                let hash = output.value.hash().short();
+                let _ = write!(text, "<property name=\"{name}\" value=\"{value}; {hash}\"/>");
+            }
+            text.push_str("</properties>\n");
+        }
+        let reasons = escape(&case.reasons().join("\n"));
+        let first = escape(case.reasons().first().map_or("", |reason| reason));
+        let _ = match &case.state {
+            State::Passed => Ok(()),
+            State::Failed => writeln!(text, "<failure message=\"{first}\">{reasons}</failure>"),
+            State::Broken => writeln!(text, "<error message=\"{first}\">{reasons}</error>"),
+            State::Skipped(why) => writeln!(text, "<skipped message=\"{}\"/>", escape(why)),
+        };
+        text.push_str("</testcase>\n");
+    }
+    for orphan in &report.orphans {
+        let name = escape(&orphan.display().to_string());
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"goldens\" name=\"{name}\"><failure message=\"belongs to no test\"/></testcase>"
+        );
+    }
+    for problem in &report.problems {
+        let (name, message) =
+            (escape(&problem.source.name.display().to_string()), escape(&problem.message));
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"tests\" name=\"{name}\"><error message=\"{message}\"/></testcase>"
+        );
+    }
+    text + "</testsuite></testsuites>\n"
+}
+
+/// The verdict, what differs most, and how much was looked at.
+fn in_words(comparison: &Comparison) -> String {
+    let verdict = comparison.verdict.word().to_owned();
+    let worst = comparison.worst().map(|worst| worst.in_words());
+    let seen = format!("{} % of the entries seen", six(100.0 * comparison.seen()));
+    [Some(verdict), worst, Some(seen)].into_iter().flatten().collect::<Vec<_>>().join("; ")
+}
+
+/// Text inside of XML and HTML; what XML cannot hold is left out.
+pub(super) fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\n' | '\t' => escaped.push(c),
+            c if c < ' ' || matches!(c, '\u{7f}'..='\u{9f}' | '\u{fffe}' | '\u{ffff}') => {}
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_no_document_may_hold_is_left_out() {
+        assert_eq!(
+            escape("a\u{0}\u{1b}[\u{7f}\u{9b}\u{fffe}\u{ffff}<\"&>\n\té"),
+            "a[&lt;&quot;&amp;&gt;\n\té"
+        );
+    }
+}

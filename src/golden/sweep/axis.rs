@@ -1,0 +1,227 @@
+//! What differs from task to task: values and files, one with the other or each with each.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use maquette_syntax::error::{Span, code};
+use maquette_syntax::{Body, Finding, Help, Kind, Tree};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::files::Meant;
+
+/// What differs from task to task.
+#[derive(Deserialize, JsonSchema)]
+pub(super) enum Axis {
+    /// Each with each: the last one changes fastest. `Product([Values("growth", [5, 12]), Values("levels", [0, 1])])` is four tasks.
+    Product(Vec<Self>),
+    /// The first with the first, the second with the second: all have equally many. `Zip([Values("growth", [5, 12]), Values("levels", [0, 1])])`
+    /// is two tasks.
+    Zip(Vec<Self>),
+    /// Values of a parameter (`name`) or of a field (`node.field`), as with `--set`: `Values("growth", [5, 12, 20])`.
+    Values(
+        #[schemars(extend("format" = "target"))] String,
+        #[expect(dead_code, reason = "what is set is text, which is taken from the file")]
+        #[schemars(with = "Vec<serde_json::Value>")]
+        Vec<serde::de::IgnoredAny>,
+    ),
+    /// Files, a task each: `Files("scans/*/range.pcd", set: "scan.range")`.
+    Files {
+        /// Which files, relative to this one: `*` stands for any letters, `?` for one. Folders may be meant, too.
+        pattern: String,
+        /// The parameter or field that names the file, as with `--set`. If it is left out, and so is `input`, each file that the graph
+        /// reads is replaced: by one of the same name in the folder, or by the file itself if it has the same ending.
+        #[serde(default)]
+        #[schemars(extend("format" = "target"))]
+        set: String,
+        /// The input of the graph that the file is for, as with `--input`.
+        #[serde(default)]
+        #[schemars(extend("format" = "input"))]
+        input: String,
+        /// Files beside it, by what names them: `{"scan.color": "color.png"}`.
+        #[serde(default)]
+        #[schemars(extend("propertyNames" = { "format": "target" }))]
+        beside: BTreeMap<String, String>,
+        /// What it is called in `out` and on the contact sheet: what stands for the `*`. `file` if it is left out.
+        #[serde(default)]
+        name: String,
+    },
+}
+
+/// The values of a task, or of one axis.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row {
+    /// As they are shown, one for each name.
+    pub values: Vec<String>,
+    pub set: Vec<Set>,
+    /// The files at inputs, as with `--input`.
+    pub inputs: Vec<(String, PathBuf)>,
+}
+
+/// A value that a task sets, as with `--set`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Set {
+    pub target: String,
+    pub text: String,
+    /// Where it stands in the sweep.
+    pub(crate) span: Span,
+    /// Where it is said what is set.
+    pub(crate) of: Span,
+}
+
+impl Row {
+    fn and(&self, other: &Self) -> Self {
+        Self {
+            values: [&self.values[..], &other.values].concat(),
+            set: [&self.set[..], &other.set].concat(),
+            inputs: [&self.inputs[..], &other.inputs].concat(),
+        }
+    }
+}
+
+/// The rows of an axis.
+#[derive(Default)]
+pub(super) struct Rows {
+    /// What the values are called, and where that stands.
+    pub(super) names: Vec<(String, Span)>,
+    pub(super) rows: Vec<Row>,
+}
+
+/// More tasks than anybody means.
+const MOST: usize = 1_000_000;
+
+/// Reads axes.
+pub(super) struct Reader<'a> {
+    pub(super) text: &'a str,
+    /// The folder of the sweep.
+    pub(super) folder: &'a Path,
+    /// The folder of the graph, that paths which are set are relative to.
+    pub(super) graph_folder: &'a Path,
+    /// The folders that files may lie in.
+    pub(super) roots: &'a [PathBuf],
+    /// What names the files of the graph, by their names and endings.
+    pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,
+    pub(super) findings: Vec<Finding>,
+    pub(super) warnings: Vec<Finding>,
+}
+
+impl Reader<'_> {
+    pub(super) fn find(
+        &mut self,
+        code: &'static str,
+        span: Span,
+        message: impl Into<String>,
+        help: impl Into<Help>,
+    ) {
+        let (message, help) = (message.into(), help.into());
+        self.findings.push(Finding { code, span, message, help, note: None });
+    }
+
+    /// The rows of an axis that fits its schema.
+    pub(super) fn rows(&mut self, axis: &Axis, tree: &Tree) -> Rows {
+        let items: &[Tree] = match &tree.kind {
+            Kind::Call { body: Body::Items(items), .. } => items,
+            _ => &[],
+        };
+        let inner = |items: &'_ [Tree]| match items.first().map(|list| &list.kind) {
+            Some(Kind::List(trees)) => trees.clone(),
+            _ => Vec::new(),
+        };
+        match axis {
+            Axis::Product(axes) => {
+                let all = self.all(axes, &inner(items), tree.span);
+                let mut product = Rows { rows: vec![Row::default()], ..Rows::default() };
+                for Rows { names, rows } in all {
+                    product.names.extend(names);
+                    if MOST < product.rows.len().saturating_mul(rows.len()) {
+                        let help = "sweep over less, or divide the sweep into several";
+                        self.find(
+                            code::WRONG_VALUE,
+                            tree.span,
+                            format!("this is more than {MOST} tasks"),
+                            help,
+                        );
+                        return Rows::default();
+                    }
+                    let each = product.rows.iter().flat_map(|a| rows.iter().map(|b| a.and(b)));
+                    product.rows = each.collect();
+                }
+                product
+            }
+            Axis::Zip(axes) => {
+                let trees = inner(items);
+                let all = self.all(axes, &trees, tree.span);
+                let Some(most) = all.iter().map(|rows| rows.rows.len()).max() else {
+                    return Rows::default();
+                };
+                let few =
+                    all.iter().position(|rows| rows.rows.len() < most && !rows.rows.is_empty());
+                if let Some(few) = few {
+                    let longest = all.iter().position(|rows| rows.rows.len() == most).unwrap_or(0);
+                    let name = |index: usize| {
+                        let names = all[index].names.iter().map(|(name, _)| format!("`{name}`"));
+                        Vec::from_iter(names).join(" with ")
+                    };
+                    let message = format!(
+                        "{} has {} values, and {} has {most}",
+                        name(few),
+                        all[few].rows.len(),
+                        name(longest)
+                    );
+                    let help = "what is zipped has equally many; `Product` takes each with each";
+                    self.find(code::WRONG_VALUE, trees[few].span, message, help);
+                    return Rows::default();
+                }
+                let mut zipped = Rows { rows: vec![Row::default(); most], ..Rows::default() };
+                for Rows { names, rows } in all.into_iter().filter(|rows| !rows.rows.is_empty()) {
+                    zipped.names.extend(names);
+                    let each = zipped.rows.iter().zip(&rows).map(|(a, b)| a.and(b));
+                    zipped.rows = each.collect();
+                }
+                zipped
+            }
+            Axis::Values(name, _) => self.values(name, items),
+            Axis::Files { pattern, set, input, beside, name } => {
+                self.files(&Meant { pattern, set, input, beside, name, tree })
+            }
+        }
+    }
+
+    fn all(&mut self, axes: &[Axis], trees: &[Tree], span: Span) -> Vec<Rows> {
+        if axes.is_empty() {
+            self.find(
+                code::WRONG_VALUE,
+                span,
+                "there is nothing in the list",
+                "write Values(..) or Files(..) into it",
+            );
+        }
+        axes.iter().zip(trees).map(|(axis, tree)| self.rows(axis, tree)).collect()
+    }
+
+    fn values(&mut self, name: &str, items: &[Tree]) -> Rows {
+        let [target, list] = items else { return Rows::default() };
+        let Kind::List(values) = &list.kind else { return Rows::default() };
+        if values.is_empty() {
+            self.find(
+                code::WRONG_VALUE,
+                list.span,
+                format!("`{name}` has no values"),
+                "write some: [5, 12, 20]",
+            );
+        }
+        let row = |value: &Tree| {
+            let text = &self.text[value.span.start..value.span.end];
+            let set = Set {
+                target: name.to_owned(),
+                text: text.to_owned(),
+                span: value.span,
+                of: target.span,
+            };
+            let values = vec![value.text().unwrap_or(text).to_owned()];
+            Row { values, set: vec![set], inputs: Vec::new() }
+        };
+        let rows = values.iter().map(row).collect();
+        Rows { names: vec![(name.to_owned(), target.span)], rows }
+    }
+}

@@ -1,0 +1,62 @@
+//! The language of graphs, documented: what `maquette help TOPIC` prints and `docs/language.md` is made of.
+
+mod plain;
+#[cfg(test)]
+mod tests;
+
+pub use plain::plain;
+
+/// One topic of the language: `src/language/NAME.md`, which begins with its title.
+pub struct Topic {
+    pub name: &'static str,
+    pub text: &'static str,
+}
+
+/// All topics, in the order in which they are read.
+pub const TOPICS: &[Topic] = &[
+    Topic { name: "graph", text: include_str!("language/graph.md") },
+    Topic { name: "params", text: include_str!("language/params.md") },
+    Topic { name: "expr", text: include_str!("language/expr.md") },
+    Topic { name: "units", text: include_str!("language/units.md") },
+    Topic { name: "foreach", text: include_str!("language/foreach.md") },
+    Topic { name: "switch", text: include_str!("language/switch.md") },
+    Topic { name: "use", text: include_str!("language/use.md") },
+    Topic { name: "patch", text: include_str!("language/patch.md") },
+    Topic { name: "promises", text: include_str!("language/promises.md") },
+    Topic { name: "attributes", text: include_str!("language/attributes.md") },
+    Topic { name: "expect", text: include_str!("language/expect.md") },
+    Topic { name: "test", text: include_str!("language/test.md") },
+    Topic { name: "sweep", text: include_str!("language/sweep.md") },
+    Topic { name: "drafts", text: include_str!("language/drafts.md") },
+    Topic { name: "pins", text: include_str!("language/pins.md") },
+    Topic { name: "limits", text: include_str!("language/limits.md") },
+    Topic { name: "tables", text: include_str!("language/tables.md") },
+    Topic { name: "provenance", text: include_str!("language/provenance.md") },
+    Topic { name: "migrate", text: include_str!("language/migrate.md") },
+    Topic { name: "merge", text: include_str!("language/merge.md") },
+];
+
+impl Topic {
+    /// What it is about.
+    pub(crate) fn title(&self) -> &'static str {
+        self.text.lines().next().unwrap_or_default().trim_start_matches("# ")
+    }
+}
+
+/// The topic of this name; capitals do not matter.
+pub fn topic(name: &str) -> Option<&'static Topic> {
+    TOPICS.iter().find(|topic| topic.name.eq_ignore_ascii_case(name))
+}
+
+/// The topics that explain a word of the language, such as `Closed`.
+pub fn topics_about(word: &str) -> Vec<&'static str> {
+    let word = format!("`{word}`");
+    TOPICS.iter().filter(|topic| topic.text.contains(&word)).map(|topic| topic.name).collect()
+}
+
+/// All topics with their titles, one a line.
+pub fn contents() -> String {
+    let longest = TOPICS.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
+    let line = |topic: &Topic| format!("  {:<longest$}  {}\n", topic.name, topic.title());
+    TOPICS.iter().map(line).collect()
+}

@@ -1,0 +1,34 @@
+//! The language server, and the language documented.
+//!
+//! `place` turns columns and URIs; `scope` and `slot` say what a text declares and what may stand at a place of it, by schemas and the
+//! language's words; `project` finds names through all files; `checker` is the thread that publishes problems. [`language`] has one text a
+//! topic, for `maquette help` and `docs/language.md`.
+//!
+//! Begin reading in `server.rs`, then `answers.rs`. Only this crate knows the protocol of editors; what it changes, `maquette-edit` does.
+
+#![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
+
+pub mod language;
+
+mod actions;
+mod answers;
+mod capabilities;
+mod checker;
+mod commands;
+mod completion;
+mod hover;
+mod last;
+mod library;
+mod outline;
+mod place;
+mod project;
+mod refactor;
+mod scope;
+mod server;
+mod slot;
+
+pub use server::{
+    Choices, Client, Document, FRESH, Refused, Server, Subject, is_in_project, is_new, is_ours,
+    read,
+};
+pub use server::{Setup, serve};

@@ -1,0 +1,108 @@
+//! A node-based geometry graph for redesigning scanned objects: the engine and its values.
+//!
+//! # A tour
+//!
+//! A graph is a text. A [`Session`] checks it, evaluates what is wanted of it, each step once, and remembers results:
+//!
+//! ```
+//! use maquette::value::Mesh;
+//! use maquette::{Options, Run, Session, Settings};
+//!
+//! let text = r#"Graph(
+//!     format: 1,
+//!     params: { "levels": Integer(default: 2, min: 0, max: 5, doc: "How often faces are divided.") },
+//!     nodes: {
+//!         "cage": ReadMesh(path: "doll/coarse.obj"),
+//!         "skin": Subdivide(mesh: "cage", scheme: CatmullClark, levels: Param("levels")),
+//!     },
+//!     outputs: { "skin.glb": "skin" },
+//! )"#;
+//! # let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/unsaved.ron");
+//! let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory())?;
+//! let checked = session.load(&path, &Options::default().with_text(&path, text));
+//! let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
+//! let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].to_text(false))?;
+//! assert!(done.get::<Mesh>("skin.glb")?.faces().len() > 1000);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! What travels on links are [`Value`]s: meshes, range images, curves and what else [`value`] has, or a pack brings. What reads them
+//! from files and writes them is in [`format`](mod@format).
+//!
+//! A node is a struct whose fields are its ports and parameters, and a pure function. Its documentation is the user's manual. A [`Pack`]
+//! lists nodes; packs are all that a program is made of:
+//!
+//! ```
+//! use maquette::value::Mesh;
+//! use maquette::{Context, Error, In, Node, Pack, node};
+//! use schemars::JsonSchema;
+//! use serde::{Deserialize, Serialize};
+//!
+//! /// Lifts a mesh.
+//! #[derive(Serialize, Deserialize, JsonSchema)]
+//! pub struct Lift {
+//!     /// What is lifted.
+//!     pub mesh: In<Mesh>,
+//!     /// How high.
+//!     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+//!     pub height: f64,
+//! }
+//!
+//! impl Node for Lift {
+//!     type Outputs = (Mesh,);
+//!     const OUTPUTS: [&'static str; 1] = ["mesh"];
+//!
+//!     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+//!         let mesh = cx.get(&self.mesh);
+//!         let lifted = mesh.positions().iter().map(|p| p + nalgebra::Vector3::z() * self.height);
+//!         Ok((mesh.with_positions(lifted.collect())?,))
+//!     }
+//! }
+//!
+//! pub const PACK: Pack =
+//!     Pack { name: "lift", nodes: &[node::<Lift>()], ..Pack::EMPTY };
+//! ```
+//!
+//! [`conformance::check`] tells which laws a pack breaks; `maquette_cli::main` with some packs is a program with all commands. `examples/embed.rs`
+//! is a host in forty lines, and ARCHITECTURE.md tells how it is built.
+
+pub use maquette_diagram as diagram;
+pub use maquette_edit as edit;
+pub use maquette_edit::{Edit, Edited, Extracted, Extraction, Merge, Put};
+pub use maquette_engine::Exchange;
+pub use maquette_engine::eval::{
+    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
+    ThreadsError, Usage,
+};
+pub use maquette_engine::session::{
+    CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, Session, SessionError,
+    Settings, Wanted, Written, save,
+};
+pub use maquette_format as format;
+pub use maquette_golden::conformance;
+pub use maquette_golden::suite::{TestRun, test_graphs};
+pub use maquette_golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
+pub use maquette_graph::catalog::Catalog;
+pub use maquette_graph::{
+    Change, Checked, Difference, Files, Graph, GraphInput, GraphPort, InputValues, Options,
+    ReadFile,
+};
+pub use maquette_node::limit::{Estimate, Limit, TooMuch};
+pub use maquette_node::pack::{
+    Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format,
+};
+pub use maquette_node::provenance::Signature;
+pub use maquette_node::reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
+pub use maquette_node::{
+    CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
+    PortType, Previous, Progress, Promise, ReadError, Want, node,
+};
+pub use maquette_node::{this_build, union};
+pub use maquette_render as render;
+pub use maquette_syntax::{Cancelled, Error, Place, Problem, Reader, Severity, Source, Span, code};
+pub use maquette_value as value;
+pub use maquette_value::{
+    AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
+    ValueType, hash_of, value_type,
+};
+pub use maquette_value::{memory, parallel, random, simd};

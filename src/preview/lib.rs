@@ -1,0 +1,25 @@
+//! The live page of a watch: what browsers are sent, and what they ask.
+//!
+//! `server` says who may ask, and serves files, sockets, pictures and columns; `shown` makes a value columns of bytes; `news` is what
+//! happens, for pages that are slow, too; `pick` is what a ray through the pointer meets; `kept` keeps the link from one watch to the
+//! next. The page itself is in `page/`: plain modules without anything to build.
+//!
+//! Begin reading in `page.rs`, then `server.rs`. This crate does not evaluate: it shows what a watch has.
+
+#![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
+
+pub mod probe;
+
+mod kept;
+mod location;
+mod news;
+mod page;
+mod pick;
+mod server;
+mod shown;
+
+pub use kept::Redirect;
+pub use location::Location;
+pub use page::{About, Feed, KEPT, MOST_KEPT, Question, Shared, Values, bind, unpoisoned};
+pub use page::{Page, Viewed, Views, Wish};
+pub use shown::Shown;
