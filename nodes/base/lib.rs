@@ -2,6 +2,9 @@
 
 pub mod limits;
 pub mod linear;
+pub mod parameters;
+pub mod scattered;
 pub mod solid_angle;
 pub mod topology;
 pub mod tree;
+pub mod unit;

@@ -1,8 +1,8 @@
 //! Reads a curve from a file.
 
+use maquette_base::unit::Unit;
 use maquette_format::obj;
 use maquette_node::{Context, Error, FilePath, Node};
-use maquette_range::Unit;
 use maquette_value::{Curve, CurveError};
 use nalgebra::Point3;
 use schemars::JsonSchema;

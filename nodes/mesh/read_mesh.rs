@@ -1,7 +1,7 @@
 //! Reads a mesh from a file.
 
+use maquette_base::unit::Unit;
 use maquette_node::{Context, Error, FilePath, NoReader, Node, Reading};
-use maquette_range::Unit;
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;

@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
+use maquette_base::unit::Unit;
 use maquette_node::{Context, Error, FilePath, Node};
-use maquette_range::Unit;
 use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

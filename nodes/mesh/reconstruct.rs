@@ -3,10 +3,10 @@
 use cells::Cube;
 use cloud::Cloud;
 use contour::{Skin, contour};
+use maquette_base::scattered::Scattered;
 use maquette_node::{
     Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch,
 };
-use maquette_subdivision::Scattered;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};

@@ -119,6 +119,7 @@ pub fn fit_surface(
 
 #[cfg(test)]
 mod tests {
+    use maquette_base::parameters::{even, parameters};
     use maquette_value::KnotVectorError;
     use nalgebra::Point3;
 
@@ -127,8 +128,6 @@ mod tests {
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
     use crate::blend_mode::BlendMode;
-    use crate::knot_vectors::even_knots::even;
-    use crate::knot_vectors::parameters::parameters;
 
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];

@@ -2,4 +2,3 @@
 
 pub(super) mod even_knots;
 pub(super) mod knot_vector;
-pub(super) mod parameters;

@@ -1,5 +1,6 @@
 //! Reads what a range finder took in one shot: a picture and a grid of points, registered to each other.
 
+use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::picture_file;
 use maquette_format::picture_file::PictureError;
@@ -8,7 +9,7 @@ use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown};
+use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///

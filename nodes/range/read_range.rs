@@ -1,12 +1,13 @@
 //! Reads a grid of points from a file of its own, with its colors if it has some.
 
+use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{Image, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown};
+use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
 
 /// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits, TIFF or OpenEXR of
 /// floats.

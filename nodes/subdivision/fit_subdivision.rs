@@ -2,13 +2,12 @@
 
 pub use fit::{FittedSubdivision, fit_subdivision};
 pub use fit_subdivision_error::FitSubdivisionError;
+use maquette_base::scattered::Scattered;
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
 use maquette_value::{Mesh, Trace};
 pub use moves::{Prices, fit_by_moves};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use super::scattered::Scattered;
 
 mod concave_corners;
 mod equations;

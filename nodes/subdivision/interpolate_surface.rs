@@ -1,8 +1,8 @@
 //! Finds the control net of a B-spline surface through a grid of points.
 
 use maquette_base::linear::stencils::Stencils;
+use maquette_base::parameters::parameters;
 use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
-use maquette_nurbs::parameters;
 use maquette_value::parallel::*;
 use maquette_value::{
     Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,

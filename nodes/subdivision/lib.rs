@@ -18,7 +18,6 @@ mod options;
 mod read_creases;
 mod refine;
 mod rules;
-mod scattered;
 mod scheme;
 #[cfg(test)]
 mod shapes;
@@ -46,11 +45,11 @@ pub use fit_subdivision::{
 pub use interpolate::{Interpolate, InterpolateError, InterpolateOptions, OnSingular, interpolate};
 pub use interpolate_curve::{InterpolateCurve, InterpolateCurveError, interpolate_curve};
 pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, interpolate_surface};
+pub use maquette_base::scattered::Scattered;
 pub use options::Subdivision;
 pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
 pub use refine::live::Live;
 pub use refine::plan::Plan;
-pub use scattered::Scattered;
 pub use scheme::Scheme;
 pub use sharp_edges::crease;
 pub use simplify::{Simplify, SimplifyError, simplify};

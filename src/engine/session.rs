@@ -37,7 +37,8 @@ pub use settings::{default_folder, disk_size, size};
 /// What a program knows from one run of a graph to the next: its packs, its threads, and results in memory and on disk.
 ///
 /// ```
-/// use maquette::{Options, Run, Session, Settings};
+/// use maquette_engine::session::{Run, Session, Settings};
+/// use maquette_graph::Options;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let mut session = Session::new(&[], &Settings::in_memory())?;

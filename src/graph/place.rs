@@ -33,7 +33,10 @@ pub fn place(
     draft: bool,
 ) -> Result<(Vec<Splice>, Option<String>), Refusal> {
     if target.split('.').count() > DEEPEST {
-        let message = format!("{}..: this leads more than {DEEPEST} deep", &target[..target.floor_char_boundary(40)]);
+        let message = format!(
+            "{}..: this leads more than {DEEPEST} deep",
+            &target[..target.floor_char_boundary(40)]
+        );
         return Err(Refusal::new(Span::default(), message, "no value lies that deep".into()));
     }
     let side = (!is_draft(&parse(value).0)).then_some(draft);

@@ -5,7 +5,7 @@ use std::fmt::Display;
 /// The most that a node makes of something: a constant beside the work that it bounds.
 ///
 /// ```
-/// use maquette::Limit;
+/// use maquette_node::Limit;
 ///
 /// const SPARKS: Limit =
 ///     Limit { most: 1_000_000, of: "sparks", help: "choose a smaller `brightness`" };

@@ -88,7 +88,7 @@ pub struct Recipe {
 /// Several may follow each other, as versions do: a field's migration names its node by any name that the node has had.
 ///
 /// ```
-/// use maquette::{Migration, NewValue};
+/// use maquette_node::{Migration, NewValue};
 ///
 /// const MIGRATIONS: &[Migration] = &[
 ///     // 0.2: Smoothen was a bad name, and its width is in millimeters now, not in centimeters.

@@ -1,6 +1,6 @@
 //! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
 
-use maquette_subdivision::Scattered;
+use maquette_base::scattered::Scattered;
 use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 

@@ -1,5 +1,6 @@
 //! The control points of a fitted surface, one direction after the other, and how far it misses the points.
 
+use maquette_base::parameters::{even, parameters};
 use maquette_node::{Cancelled, Progress};
 use maquette_value as value;
 use maquette_value::parallel::*;
@@ -10,8 +11,6 @@ use super::fit_line::{FittedLine, LineFit, Missed};
 use crate::fit_error::FitError;
 use crate::fit_method::FitMethod;
 use crate::fit_parameters::FitParameters;
-use crate::knot_vectors::even_knots::even;
-use crate::knot_vectors::parameters::parameters;
 
 /// The fit along one direction.
 pub(crate) struct Direction {

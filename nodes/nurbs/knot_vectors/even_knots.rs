@@ -2,10 +2,6 @@
 
 use maquette_value::KnotVector;
 
-pub(crate) fn even(points: usize) -> Vec<f64> {
-    (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()
-}
-
 /// Whether knots are those of the kind [`KnotsKind::Uniform`](crate::KnotsKind::Uniform), on whatever domain.
 pub(crate) fn is_even(knots: &KnotVector) -> bool {
     let Ok(even) = KnotVector::uniform(knots.n_control(), knots.degree() + 1) else { return false };

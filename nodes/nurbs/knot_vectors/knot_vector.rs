@@ -1,10 +1,9 @@
 //! Knot vectors by the rule that is asked for.
 
+use maquette_base::parameters::{even, parameters};
 use maquette_value as value;
 use maquette_value::{Along, KnotVector};
 
-use super::even_knots::even;
-use super::parameters::parameters;
 use crate::knots_error::KnotsError;
 use crate::knots_kind::KnotsKind;
 

@@ -161,7 +161,11 @@ const PACK: Pack = Pack {
 };
 
 fn session() -> Session {
-    Session::new(&[&PACK], &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
+    Session::new(
+        &[&maquette::format::PACK, &PACK],
+        &Settings { threads: 2, ..Settings::in_memory() },
+    )
+    .unwrap()
 }
 
 /// A folder of graphs.
@@ -182,7 +186,11 @@ impl Folder {
     }
 
     fn load(&self) -> Graph {
-        let checked = Graph::load(&self.path(), &Catalog::new(&[&PACK]), &Options::default());
+        let checked = Graph::load(
+            &self.path(),
+            &Catalog::new(&[&maquette::format::PACK, &PACK]),
+            &Options::default(),
+        );
         checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
     }
 }
@@ -299,7 +307,7 @@ fn who_looks_at_one_node_forgets_no_element() {
     // Each as a process by itself.
     let then = |wanted: Option<Wanted>| {
         let settings = Settings { threads: 2, cache: folder.clone(), ..Settings::in_memory() };
-        let mut session = Session::new(&[&PACK], &settings).unwrap();
+        let mut session = Session::new(&[&maquette::format::PACK, &PACK], &settings).unwrap();
         let fed = session.fed(&graph, &inputs).unwrap();
         if let Some(wanted) = wanted {
             let run = session.run(&fed, &Run { wanted, ..Run::default() }).unwrap();
@@ -561,9 +569,12 @@ fn data_that_fail_are_told_once() {
 fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
     let links = |node: &str| {
         let nodes = r#"nodes: { "one": Along(at: 1), "sum": NODE, "all": Collect(points: "sum") }, outputs: { "all.ply": "all" }"#;
-        maquette::diagram::to_svg(&graph(&nodes.replace("NODE", node)), &Catalog::new(&[&PACK]))
-            .matches("<path")
-            .count()
+        maquette::diagram::to_svg(
+            &graph(&nodes.replace("NODE", node)),
+            &Catalog::new(&[&maquette::format::PACK, &PACK]),
+        )
+        .matches("<path")
+        .count()
     };
     let each = r#"ForEach(graph: "Add", over: "one", each: "point", links: (sum: "one"))"#;
     assert_eq!(links(each), links(r#"Add(sum: "one", point: "one")"#));

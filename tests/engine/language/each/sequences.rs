@@ -53,7 +53,7 @@ proptest! {
         let cache = folder.0.path().join("cache");
         let kept = || {
             let cache = maquette::CacheFolder::At(cache.clone());
-            Session::new(&[&PACK], &Settings { threads: 2, cache, ..Settings::in_memory() }).unwrap()
+            Session::new(&[&maquette::format::PACK, &PACK], &Settings { threads: 2, cache, ..Settings::in_memory() }).unwrap()
         };
         let mut remembering = session();
         let graph = folder.load();

@@ -3,7 +3,10 @@
 use maquette_value as value;
 use maquette_value::Along;
 
-use super::even_knots::even;
+/// So many parameters from 0 to 1, at the same distances.
+pub fn even(points: usize) -> Vec<f64> {
+    (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()
+}
 
 /// A parameter from 0 to 1 per control point: the mean, over all lines of the net, of the share of the line's length up to the
 /// point, where a step between neighbors counts as `measure` of their distance. Lines without length are left out; if all are,
