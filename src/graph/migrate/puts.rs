@@ -5,7 +5,7 @@
 
 use maquette_syntax::error::Span;
 use maquette_syntax::quoted;
-use maquette_syntax::{Body, Field, Finding, Kind, Name, Tree, parse};
+use maquette_syntax::{Body, DEEPEST, Field, Finding, Kind, Name, Tree, parse};
 
 use super::{Splice, apply, renewed, without, written};
 use crate::catalog::Catalog;
@@ -26,6 +26,9 @@ pub struct Renewed {
 
 /// What a value is that is put to this place of a node; none if nothing about it is old.
 pub fn renewed_put(node: &Tree, path: &str, value: &Tree, catalog: &Catalog) -> Option<Renewed> {
+    if path.split('.').count() > DEEPEST {
+        return None;
+    }
     let node = renewed(node, catalog).0;
     let kind = node.name()?;
     let (mut numbers, mut put) = (Vec::new(), Tree { span: MARK, ..value.clone() });
