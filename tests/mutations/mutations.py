@@ -26,7 +26,7 @@ MUTATIONS = [
     ("nodes/range/foreground.rs", "let seen = -0.5 <= at && at <= grid[axis] as f64 - 0.5;", "let seen = 0.0 <= at && at <= grid[axis] as f64 - 1.0;", "comparison"),
     ("nodes/range/extract_region.rs", "let pieces = label(&usable, Connectivity::Four);", "let pieces = label(&usable, Connectivity::Eight);", "swapped"),
     ("nodes/range/extract_region.rs", "u8::from(point.x.is_nan() || range.is_filled(cell as usize))", "u8::from(range.is_filled(cell as usize))", "dropped"),
-    ("nodes/range/range_file.rs", "Self::Inch => 25.4,", "Self::Inch => 25.0,", "weight"),
+    ("nodes/base/unit.rs", "Self::Inch => 25.4,", "Self::Inch => 25.0,", "weight"),
     ("nodes/range/grid/joins.rs", "normal.dot(&ray).abs() >= self.least_cosine", "normal.dot(&ray) >= self.least_cosine", "dropped"),
     ("nodes/range/grid/contour.rs", "let mut to = (from + 1) % 8;", "let mut to = (from + 2) % 8;", "off by one"),
     ("nodes/base/linear/laplace.rs", "const TOLERANCE: f64 = 1e-12;", "const TOLERANCE: f64 = 1e-6;", "default"),
