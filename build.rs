@@ -1,5 +1,5 @@
 //! Gives the build of a crate an id: a hash of all that its code is made of. Results on disk are believed by it
-//! (`src/eval/disk/program.rs`).
+//! (`src/engine/eval/disk/program.rs`).
 //!
 //! It counts what the code depends on and nothing else: the crate's sources, the entries of the lock file and of the workspace for the
 //! packages beneath, profiles, the compiler and what it is told, and the ids of the crates beneath. These come through cargo: each

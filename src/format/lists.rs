@@ -76,7 +76,7 @@ pub const READERS: &[AnyReader] = &[
     reader::<handles::HandlesCsv>(),
 ];
 
-/// The value in a file, by the engine's own reader of such values and its ending.
+/// The value in a file, by the reader of [`READERS`] for such values and its ending.
 ///
 /// # Errors
 /// [`NoReader`] if there is none, or those of the reader.

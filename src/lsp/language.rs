@@ -6,7 +6,7 @@ mod tests;
 
 pub use plain::plain;
 
-/// One topic of the language: `src/language/NAME.md`, which begins with its title.
+/// One topic of the language: `src/lsp/language/NAME.md`, which begins with its title.
 pub struct Topic {
     pub name: &'static str,
     pub text: &'static str,

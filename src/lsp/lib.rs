@@ -1,6 +1,6 @@
 //! The language server, and the language documented.
 //!
-//! `place` turns columns and URIs; `scope` and `slot` say what a text declares and what may stand at a place of it, by schemas and the
+//! `place` translates between an editor's columns and URIs and places in a text; `scope` and `slot` say what a text declares and what may stand at a place of it, by schemas and the
 //! language's words; `project` finds names through all files; `checker` is the thread that publishes problems. [`language`] has one text a
 //! topic, for `maquette help` and `docs/language.md`.
 //!

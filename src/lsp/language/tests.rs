@@ -17,7 +17,7 @@ fn every_file_of_the_folder_is_a_topic() {
     let mut topics = Vec::from_iter(TOPICS.iter().map(|topic| topic.name));
     pages.sort();
     topics.sort_unstable();
-    assert_eq!(topics, pages, "`TOPICS` in src/language.rs lists them");
+    assert_eq!(topics, pages, "`TOPICS` in src/lsp/language.rs lists them");
     for topic in TOPICS {
         assert!(topic.text.starts_with("# "), "{} begins with its title", topic.name);
         assert_eq!(topic.text.matches("```").count() % 2, 0, "{}: a fence is open", topic.name);
