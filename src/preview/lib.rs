@@ -2,7 +2,7 @@
 //!
 //! `server` says who may ask, and serves files, sockets, pictures and columns; `shown` makes a value columns of bytes; `news` is what
 //! happens, for pages that are slow, too; `pick` is what a ray through the pointer meets; `kept` keeps the link from one watch to the
-//! next. The page itself is in `page/`: plain modules without anything to build.
+//! next. The page itself is in `web/`: plain modules without anything to build.
 //!
 //! Begin reading in `page.rs`, then `server.rs`. This crate does not evaluate: it shows what a watch has.
 

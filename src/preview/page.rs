@@ -16,8 +16,10 @@ use super::kept::{Keeper, Kept};
 use super::news::{Listener, News};
 use super::pick::Sight;
 use super::shown::Content;
-use super::*;
-use crate::probe;
+use crate::kept::Redirect;
+use crate::location::Location;
+use crate::shown::Shown;
+use crate::{probe, server};
 
 /// The live page, served until the program ends.
 pub struct Page {
