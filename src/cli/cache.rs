@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use maquette_engine::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
 use maquette_engine::session::{CacheServer, default_folder, disk_size, size};
+use maquette_graph::catalog::Catalog;
 use serde_json::json;
 
 use super::{Exit, counted, in_bytes, print, print_json};
@@ -51,7 +52,7 @@ enum Action {
 }
 
 impl Cache {
-    pub(super) fn run(&self) -> Exit {
+    pub(super) fn run(&self, _: &Catalog) -> Exit {
         let Some(folder) = self.folder.clone().or_else(default_folder) else {
             return Exit::Usage(
                 "this system has no folder for caches: name one with --cache".into(),

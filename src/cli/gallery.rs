@@ -173,9 +173,9 @@ impl Gallery {
     ) {
         let (picture, doc) = (picture.display(), graph.doc());
         let _ = write!(page, "\n## [{name}]({name}.ron)\n\n![{name}]({picture})\n\n{doc}\n\n");
-        let fields = graph.schema.get("properties").and_then(Json::as_object);
+        let fields = graph.schema().get("properties").and_then(Json::as_object);
         for (name, field) in fields.into_iter().flatten() {
-            parameter(page, name, field, &graph.schema);
+            parameter(page, name, field, graph.schema());
         }
         let outputs = Vec::from_iter(graph.output_names().map(|name| format!("`{name}`")));
         let _ = writeln!(page, "- writes {}", outputs.join(", "));
@@ -237,7 +237,7 @@ fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
 
 /// The first number among the parameters of a graph, and the most that it may be.
 fn number_of(graph: &Graph) -> Option<(String, Json)> {
-    let fields = graph.schema.get("properties").and_then(Json::as_object)?;
+    let fields = graph.schema().get("properties").and_then(Json::as_object)?;
     let most = |field: &Json| field.get("maximum").filter(|_| field["type"] == "number").cloned();
     fields.iter().find_map(|(name, field)| Some((name.clone(), most(field)?)))
 }

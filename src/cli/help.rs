@@ -1,6 +1,7 @@
 //! `maquette help`: a topic of the language of graphs, or a command as clap explains it.
 
 use clap::{Args, CommandFactory};
+use maquette_graph::catalog::Catalog;
 use maquette_lsp::language::{TOPICS, plain, topic, topics_about};
 use maquette_syntax::unknown;
 
@@ -17,7 +18,7 @@ pub(crate) struct Help {
 const WIDEST: usize = 100;
 
 impl Help {
-    pub(super) fn run(&self) -> Exit {
+    pub(super) fn run(&self, _: &Catalog) -> Exit {
         let command = Cli::command();
         if let [word] = &self.words[..]
             && let Some(topic) = topic(word)

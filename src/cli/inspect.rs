@@ -125,7 +125,7 @@ impl Inspect {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };
-        let progress = Progress::new(graph.nodes.len());
+        let progress = Progress::new(graph.nodes().len());
         let request = self.request();
         let names = Vec::from_iter([self.node()].into_iter().chain(request.names()));
         let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());
@@ -136,7 +136,7 @@ impl Inspect {
         if let Err(why) = request.check(Some(&graph)) {
             return Exit::Usage(why);
         }
-        let node = |&(_, (node, _)): &Found| graph.nodes[node].name.clone();
+        let node = |&(_, (node, _)): &Found| graph.nodes()[node].name.clone();
         let wanted = Wanted::Nodes(outputs.iter().map(node).collect());
         let run = Run { wanted, observer: &progress, ..Run::default() };
         let finished = session.run(&graph, &run);
@@ -157,7 +157,7 @@ impl Inspect {
             .filter_map(|(name, target)| Some((&name[..], finished.value_at(*target)?)));
         let found = Vec::from_iter(found);
         let node = self.node().split_once('.').map_or(self.node(), |(node, _)| node);
-        let node = self.file(&graph).map_or(node, |file| &graph.nodes[file.node].name);
+        let node = self.file(&graph).map_or(node, |file| &graph.nodes()[file.node].name);
         if outputs.is_empty() && !self.json {
             if self.out.is_some() {
                 return Exit::Usage(format!("`{node}` is a list of 0: there is no value to write"));
@@ -217,7 +217,7 @@ impl Inspect {
         }
         if ending(&self.file) == "ron" {
             let graph = self.options.load(&self.file, catalog).as_far_as_known().graph;
-            let nodes = graph.iter().flat_map(|graph| graph.nodes.iter());
+            let nodes = graph.iter().flat_map(|graph| graph.nodes().iter());
             let nodes = Vec::from_iter(nodes.map(|node| &node.name[..]));
             return Err(format!("say which node of {file}: {}", nodes.join(", ")));
         }
@@ -274,16 +274,17 @@ impl Inspect {
     /// The output file that is meant, if its name means nothing else.
     fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
         let (name, output) = self.node().split_once('.')?;
-        let mut used = graph.uses.iter().filter(|given| given.name == name);
-        let is_value = graph.find(name).is_some_and(|it| graph.nodes[it].outputs.contains(&output))
-            || used.any(|given| given.outputs.iter().any(|(known, _)| known == output));
-        graph.outputs.iter().find(|file| file.name == self.node() && !is_value)
+        let mut used = graph.uses().iter().filter(|given| given.name == name);
+        let is_value =
+            graph.find(name).is_some_and(|it| graph.nodes()[it].outputs.contains(&output))
+                || used.any(|given| given.outputs.iter().any(|(known, _)| known == output));
+        graph.outputs().iter().find(|file| file.name == self.node() && !is_value)
     }
 
     /// The outputs that are meant, by name, each with its node and place there.
     fn find(&self, graph: &Graph) -> Result<Vec<Found>, String> {
         if let Some(GraphOutput { node, output, .. }) = self.file(graph) {
-            let name = graph.nodes[*node].outputs[*output].to_owned();
+            let name = graph.nodes()[*node].outputs[*output].to_owned();
             return Ok(vec![(name, (*node, *output))]);
         }
         let (name, output) = match self.node().split_once('.') {
@@ -292,9 +293,9 @@ impl Inspect {
         };
         let outputs: Vec<Found> = match graph.find(name) {
             Some(node) => {
-                let names = graph.nodes[node].outputs.iter().enumerate();
+                let names = graph.nodes()[node].outputs.iter().enumerate();
                 // The elements of data have no names, but numbers.
-                let label = |index: usize, name: &str| match graph.nodes[node].kind() {
+                let label = |index: usize, name: &str| match graph.nodes()[node].kind() {
                     ELEMENTS => format!("{name} {}", index + 1),
                     _ => name.to_owned(),
                 };
@@ -304,7 +305,7 @@ impl Inspect {
                 graph.element(name).map(|target| ("value".to_owned(), target)).into_iter().collect()
             }
             None => {
-                let given = graph.uses.iter().find(|given| given.name == name);
+                let given = graph.uses().iter().find(|given| given.name == name);
                 let given = given.ok_or_else(|| {
                     let known = Vec::from_iter(graph.names());
                     graph.unknown("node", name, "its nodes", &known)

@@ -3,7 +3,7 @@
 //! [`main`] is the program; one file has each subcommand. `tasks` runs the tasks of a batch and keeps their records; `listen` is what a
 //! watch listens to; `serve` is the protocol for hosts in other languages (`docs/serve.md`).
 //!
-//! Begin reading in `program.rs`, then `run.rs`; a command is a file and a line in `Command`. What a command does, the crates below do: here
+//! Begin reading in `program.rs`, then `run.rs`; a command is a file and a line in `commands!`. What a command does, the crates below do: here
 //! stand words, options, progress and what is printed.
 
 mod batch;
@@ -11,6 +11,7 @@ mod cache;
 mod caching;
 mod check;
 mod compare;
+mod completions;
 mod condition;
 mod diff;
 mod draw;
@@ -54,9 +55,8 @@ mod why;
 pub(crate) use condition::Condition;
 pub(crate) use options::{GraphOptions, assignment};
 pub(crate) use output::{
-    Exit, NAME, all_outputs, column_width, counted, eprint, in_bytes, name_in, print,
-    print_as_it_is, print_document, print_json, program, put_problems, report, shows_color,
-    stdout_is_closed,
+    Exit, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
+    print_document, print_json, program, put_problems, report, shows_color, stdout_is_closed,
 };
 pub(crate) use program::Cli;
 pub use program::{main, run};

@@ -205,12 +205,12 @@ impl Source<'_> {
 
     /// The values of some outputs of nodes, which take no time if the value was computed from them.
     fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Vec<Problem>> {
-        let name = |&(node, _): &(usize, usize)| self.graph.nodes[node].name.clone();
+        let name = |&(node, _): &(usize, usize)| self.graph.nodes()[node].name.clone();
         let wanted = Wanted::Nodes(targets.iter().map(name).collect());
         let run = Run { wanted, ..Run::default() };
         let finished = self.session.run(self.graph, &run)?;
         let value = |&(node, output): &(usize, usize)| {
-            let node = &self.graph.nodes[node];
+            let node = &self.graph.nodes()[node];
             finished.value_of(&node.name, node.outputs[output]).cloned()
         };
         let values: Option<Vec<AnyValue>> = targets.iter().map(value).collect();
@@ -229,7 +229,7 @@ pub(super) fn place(graph: &Graph, name: &str) -> Result<(usize, usize), String>
         let node =
             name.split_once('.').and_then(|(node, output)| Some((graph.find(node)?, output)));
         if let Some((node, output)) = node {
-            let node = &graph.nodes[node];
+            let node = &graph.nodes()[node];
             let message = format!("`{}` has no output `{output}`", node.name);
             return unknown(message, output, "its outputs", &node.outputs);
         }
@@ -251,7 +251,7 @@ fn linked(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
     let mut visited = HashSet::from([node]);
     let mut nodes = vec![node];
     while let Some(&node) = nodes.get(next) {
-        for link in &graph.nodes[node].links {
+        for link in &graph.nodes()[node].links {
             found.push((link.node, link.output));
             nodes.extend(visited.insert(link.node).then_some(link.node));
         }
@@ -263,7 +263,7 @@ fn linked(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
 /// The pictures among some outputs, then those of the same nodes that nothing is linked to.
 fn images(graph: &Graph, linked: &[(usize, usize)]) -> Vec<(usize, usize)> {
     let all = |&(node, _): &(usize, usize)| {
-        (0..graph.nodes[node].outputs.len()).map(move |output| (node, output))
+        (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output))
     };
     let beside = linked.iter().flat_map(all);
     let mut images = Vec::new();
@@ -276,6 +276,6 @@ fn images(graph: &Graph, linked: &[(usize, usize)]) -> Vec<(usize, usize)> {
 }
 
 fn gives<T: Value>(graph: &Graph, (node, output): (usize, usize)) -> bool {
-    let kind = graph.nodes[node].types.get(output).copied().flatten();
+    let kind = graph.nodes()[node].types.get(output).copied().flatten();
     kind.is_some_and(|kind| kind.name == T::NAME)
 }

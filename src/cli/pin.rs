@@ -102,7 +102,7 @@ impl Pin {
 }
 
 impl Unpin {
-    pub(super) fn run(&self) -> Exit {
+    pub(super) fn run(&self, _: &Catalog) -> Exit {
         let taken = match unpin(&self.graph, &self.nodes) {
             Ok(taken) => taken,
             Err(error) => return failed(&error),

@@ -4,11 +4,11 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use maquette_graph::catalog::Catalog;
 use maquette_node::pack::Pack;
 
-use super::*;
+use crate::output::{Exit, NAME, eprint, name_in, program};
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -19,8 +19,25 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
-#[derive(Subcommand)]
-pub(crate) enum Command {
+/// Makes the subcommands: each is a struct of arguments that runs.
+macro_rules! commands {
+    ($($(#[$doc:meta])* $name:ident($file:ident::$arguments:ident),)*) => {
+        #[derive(Subcommand)]
+        pub(crate) enum Command {
+            $($(#[$doc])* $name(crate::$file::$arguments),)*
+        }
+
+        impl Command {
+            fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+                match self {
+                    $(Self::$name(command) => command.run(catalog),)*
+                }
+            }
+        }
+    };
+}
+
+commands! {
     /// Look at a folder of scans and write a graph that runs on them.
     New(new::New),
     /// Evaluate a graph and write its outputs.
@@ -84,10 +101,7 @@ pub(crate) enum Command {
     /// Explain the language of graphs, a topic at a time, or a command.
     Help(help::Help),
     /// Print a script that completes commands in a shell.
-    Completions {
-        /// The shell.
-        shell: clap_complete::Shell,
-    },
+    Completions(completions::Completions),
 }
 
 pub(crate) fn topics() -> String {
@@ -118,46 +132,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     let catalog = Arc::new(Catalog::new(packs));
-    let exit = match cli.command {
-        Command::Run(command) => command.run(&catalog),
-        Command::Batch(command) => command.run(&catalog),
-        Command::Watch(command) => command.run(&catalog),
-        Command::Check(command) => command.run(&catalog),
-        Command::Draw(command) => command.run(&catalog),
-        Command::Fmt(command) => command.run(&catalog),
-        Command::Set(command) => command.run(&catalog),
-        Command::Edit(command) => command.run(&catalog),
-        Command::Extract(command) => command.run(&catalog),
-        Command::Inline(command) => command.run(&catalog),
-        Command::Diff(command) => command.run(&catalog),
-        Command::Merge(command) => command.run(&catalog),
-        Command::Migrate(command) => command.run(&catalog),
-        Command::Lock(command) => command.run(&catalog),
-        Command::Update(command) => command.run(&catalog),
-        Command::Test(command) => command.run(&catalog),
-        Command::Compare(command) => command.run(&catalog),
-        Command::Render(command) => command.run(&catalog),
-        Command::Replay(command) => command.run(&catalog),
-        Command::Sheet(command) => command.run(&catalog),
-        Command::New(command) => command.run(&catalog),
-        Command::Nodes(command) => command.run(&catalog),
-        Command::Gallery(command) => command.run(&catalog),
-        Command::Inspect(command) => command.run(&catalog),
-        Command::Why(command) => command.run(&catalog),
-        Command::Pin(command) => command.run(&catalog),
-        Command::Unpin(command) => command.run(),
-        Command::Serve(command) => command.run(&catalog),
-        Command::Lsp(command) => command.run(&catalog),
-        Command::Cache(command) => command.run(),
-        Command::Help(command) => command.run(),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), program(), &mut script);
-            print_document(&String::from_utf8_lossy(&script));
-            Exit::Done
-        }
-    };
-    match exit {
+    match cli.command.run(&catalog) {
         Exit::Done => 0,
         Exit::Failed => 1,
         Exit::Interrupted => 130,

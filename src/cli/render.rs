@@ -140,7 +140,7 @@ impl Render {
         let mut session = self.cache.told_session(0, catalog).map_err(Exit::Usage)?;
         self.inputs.protect(sources);
         let graph = self.inputs.told(&session, &graph)?;
-        let progress = Progress::new(graph.nodes.len());
+        let progress = Progress::new(graph.nodes().len());
         let request = self.request();
         let names = Vec::from_iter([&name[..]].into_iter().chain(request.names()));
         let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());

@@ -143,7 +143,7 @@ impl Replay {
                 &known,
             ));
         };
-        let progress = Progress::new(graph.nodes.len());
+        let progress = Progress::new(graph.nodes().len());
         let wanted = Wanted::Named(vec![output.name.clone()]);
         let run = session.run(&graph, &Run { wanted, observer: &progress, ..Run::default() });
         progress.end();
@@ -207,7 +207,8 @@ fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, Str
     let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
     let parameter = |(name, value): (&String, &serde_json::Value)| {
         let graph = graph.as_ref()?;
-        let own = graph.schema["properties"].get(name).and_then(|declared| declared.get("default"));
+        let own =
+            graph.schema()["properties"].get(name).and_then(|declared| declared.get("default"));
         let value = graph.as_ron(name, value)?;
         let is_own = own.and_then(|own| graph.as_ron(name, own)).is_some_and(|own| own == value);
         (!is_own).then(|| (name.clone(), value))
@@ -221,5 +222,5 @@ fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, Str
 
 /// The output of this name.
 fn output<'g>(graph: &'g Graph, name: &str) -> Option<&'g GraphOutput> {
-    graph.outputs.iter().find(|output| output.name == name)
+    graph.outputs().iter().find(|output| output.name == name)
 }

@@ -99,7 +99,7 @@ impl Run {
                 Err(why) => Exit::Usage(why),
             };
         }
-        let progress = Progress::new(graph.nodes.len());
+        let progress = Progress::new(graph.nodes().len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
         let into = self.options.folder(self.out.as_deref(), &self.graph);
         let into = self.provenance.applied(into.keeping(self.inputs.files()));
@@ -209,7 +209,7 @@ impl Run {
 
 /// What each node would do, and why.
 fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
-    let name = |forecast: &Forecast| &graph.nodes[forecast.index].name;
+    let name = |forecast: &Forecast| &graph.nodes()[forecast.index].name;
     let longest = column_width(forecasts.iter().map(|forecast| name(forecast).len()));
     let mut text = String::new();
     for forecast in forecasts {

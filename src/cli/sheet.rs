@@ -143,9 +143,9 @@ impl Sheet {
 /// The values of each row: none for the defaults, then each parameter at its ends, as each of its choices, or off and on.
 fn rows_of(graph: &Graph) -> Vec<Vec<(String, String)>> {
     let mut rows = vec![Vec::new()];
-    let fields = graph.schema.get("properties").and_then(Json::as_object);
+    let fields = graph.schema().get("properties").and_then(Json::as_object);
     for (name, field) in fields.into_iter().flatten() {
-        let field = inside(field, &graph.schema);
+        let field = inside(field, graph.schema());
         let kind = field.get("type").and_then(Json::as_str);
         let is_whole = kind == Some("integer");
         let write =

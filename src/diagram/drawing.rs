@@ -73,7 +73,7 @@ pub fn to_svg(graph: &Graph, catalog: &Catalog) -> String {
 impl Drawing {
     /// What is drawn of `graph`.
     pub fn new(graph: &Graph, catalog: &Catalog) -> Self {
-        let mut drawing = Self { doc: graph.doc.clone(), ..Self::default() };
+        let mut drawing = Self { doc: graph.doc().to_owned(), ..Self::default() };
         let mut places: Vec<(usize, &str)> = Vec::new();
         for entry in catalog.entries() {
             if places.last().is_none_or(|(_, name)| *name != entry.pack) {
@@ -83,7 +83,7 @@ impl Drawing {
         let pack_of = |kind: &str| catalog.find(kind).map_or("", |entry| entry.pack);
         let boxes = boxes(graph);
         let kinds = boxes.iter().map(|part| match part {
-            BoxContent::Node(index) => pack_of(graph.nodes[*index].kind()),
+            BoxContent::Node(index) => pack_of(graph.nodes()[*index].kind()),
             BoxContent::Use(..) => GRAPHS,
         });
         let kinds = Vec::from_iter(kinds);
@@ -95,7 +95,7 @@ impl Drawing {
             let pack = drawing.packs.iter().position(|known| known.name == **pack);
             let links: Vec<(&str, (usize, usize))> = match part {
                 BoxContent::Node(node) => {
-                    let links = graph.nodes[*node].links.iter();
+                    let links = graph.nodes()[*node].links.iter();
                     links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
                 BoxContent::Use(given, _) => linked(graph, given),
@@ -117,7 +117,7 @@ impl Drawing {
             let drafts = drafts.cloned().unwrap_or_default();
             drawing.boxes.push(Block { name, node, inputs, outputs, at, drafts });
         }
-        for output in &graph.outputs {
+        for output in graph.outputs() {
             let to = [drawing.boxes.len(), 0];
             let from = sources.get(&(output.node, output.output)).copied();
             drawing.wires.extend(from.map(|from| Wire { from, to }));
@@ -163,10 +163,10 @@ pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
         _ => true,
     };
     let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
-    uses.extend(graph.uses.iter().filter(is_whole).map(|given| (&given.name[..], given)));
+    uses.extend(graph.uses().iter().filter(is_whole).map(|given| (&given.name[..], given)));
     let mut boxes: Vec<BoxContent<'_>> = Vec::new();
     let mut begun: HashSet<&str> = HashSet::new();
-    for (index, node) in graph.nodes.iter().enumerate() {
+    for (index, node) in graph.nodes().iter().enumerate() {
         let ends = node.name.match_indices('/').map(|(at, _)| at);
         match ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next() {
             Some(given) if !begun.insert(&given.name) => {}
@@ -181,7 +181,7 @@ pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
 /// port is linked to the data.
 pub(crate) fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str, (usize, usize))> {
     let apart = graph.loops().iter().find(|it| it.name == given.name).map(|it| it.node);
-    let data = apart.and_then(|node| graph.nodes[node].links.first());
+    let data = apart.and_then(|node| graph.nodes()[node].links.first());
     let mut links = Vec::with_capacity(given.inputs.len() + 1);
     for (port, target) in &given.inputs {
         if Some(target.0) != apart {
@@ -189,7 +189,7 @@ pub(crate) fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str,
         }
     }
     if let (Some(node), Some(data)) = (apart, data) {
-        let port = graph.nodes[node].name.rsplit('/').next().unwrap_or_default();
+        let port = graph.nodes()[node].name.rsplit('/').next().unwrap_or_default();
         links.insert(0, (port, (data.node, data.output)));
     }
     links
@@ -198,12 +198,12 @@ pub(crate) fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str,
 /// How many elements a `ForEach` over data has.
 pub(crate) fn elements(graph: &Graph, given: &GraphUse) -> Option<usize> {
     let found = graph.loops().iter().find(|it| it.name == given.name && !it.is_open)?;
-    Some(graph.nodes[found.node].outputs.len())
+    Some(graph.nodes()[found.node].outputs.len())
 }
 
 /// Whether a node takes the data of a `ForEach` apart: its outputs are drawn as one.
 pub(crate) fn is_apart(graph: &Graph, node: usize) -> bool {
-    graph.nodes[node].kind() == ELEMENTS
+    graph.nodes()[node].kind() == ELEMENTS
 }
 
 /// For each value that boxes give, by its node and output: the box and the place among its outputs.
@@ -215,7 +215,7 @@ pub(crate) fn sources(
     for (index, part) in boxes.iter().enumerate() {
         match part {
             BoxContent::Node(node) => {
-                let outputs = 0..graph.nodes[*node].outputs.len();
+                let outputs = 0..graph.nodes()[*node].outputs.len();
                 let drawn = |output| if is_apart(graph, *node) { 0 } else { output };
                 sources.extend(outputs.map(|output| ((*node, output), [index, drawn(output)])));
             }
@@ -235,7 +235,7 @@ pub(crate) fn sources(
 /// The file in which a box stands, and at which byte.
 pub(crate) fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize) {
     let (BoxContent::Node(index) | BoxContent::Use(_, index)) = part;
-    let node = &graph.nodes[*index];
+    let node = &graph.nodes()[*index];
     if let (BoxContent::Use(..), Some(outermost)) = (part, node.uses.first()) {
         return (outermost.source.clone(), outermost.span.start);
     }
@@ -246,12 +246,12 @@ pub(crate) fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize
 /// The name, type and outputs of a box.
 pub(crate) fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>) {
     let kind_of = |node: usize, output: usize| {
-        let kind = graph.nodes[node].types.get(output).copied().flatten();
+        let kind = graph.nodes()[node].types.get(output).copied().flatten();
         kind.map_or_else(String::new, |kind| kind.name.to_owned())
     };
     match part {
         BoxContent::Node(index) => {
-            let node = &graph.nodes[*index];
+            let node = &graph.nodes()[*index];
             let outputs = node.outputs.iter().enumerate();
             let port = |(output, name): (usize, &&'static str)| Port {
                 name: (*name).to_owned(),

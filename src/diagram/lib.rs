@@ -15,7 +15,6 @@ mod outline;
 mod rows;
 mod svg;
 
-pub use drawing::{Block, BoxContent, NodeBlock, Pack, Port, Wire};
-pub use drawing::{Drawing, to_svg};
+pub use drawing::{Block, BoxContent, Drawing, NodeBlock, Pack, Port, Wire, to_svg};
 pub use outline::{Node as OutlineNode, Outline, Target, outline};
 pub use rows::Places;

@@ -8,11 +8,12 @@ use std::sync::Arc;
 
 use maquette_edit::References;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::{Whole, first, judged};
+use maquette_graph::definition::{Draft, What, Whole};
 use maquette_graph::describe::Subgraph;
-use maquette_graph::draft::{Draft, What};
-use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::load::{first, judged};
+use maquette_graph::meaning::named_node;
 use maquette_graph::quality::has_draft;
+use maquette_graph::tree::entries;
 use maquette_graph::{Checked, Options};
 use maquette_syntax::error::{Lines, Place, Span};
 use maquette_syntax::{Body, Kind, Sheet, Token, Tree, tokens};

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::load_text;
+use maquette_graph::load::load_text;
 use maquette_graph::migrate::{ready_for, renewed_target, renewed_text};
 use maquette_graph::{Checked, Files, Options, Refusal, apply, patch, place, written};
 use maquette_syntax::error::{Problem, Severity, Source, code};

@@ -3,25 +3,22 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::folder_of;
-use maquette_graph::draft::What;
+use maquette_graph::definition::What;
 use maquette_graph::meaning::named_node;
 use maquette_graph::migrate::kind_of;
 use maquette_graph::needs::Needs;
+use maquette_graph::options::folder_of;
 use maquette_graph::rebase::path_of_use;
 use maquette_graph::top::field_of;
 use maquette_graph::{
-    Refusal, Splice, added, apply, behind, field, newline, parts, put_entry, reindented,
+    Options, Refusal, Splice, added, apply, behind, field, newline, parts, put_entry, reindented,
 };
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::folder_of_new;
-use maquette_syntax::quoted;
-use maquette_syntax::{Ends, Tree, nearest_or_all};
+use maquette_syntax::{Ends, Tree, nearest_or_all, quoted};
 
-use super::format::entry_form;
-use super::format::formatted;
+use super::format::{entry_form, formatted};
 use super::moved::{Known, Linked, free_name, moved, part_with, refusal};
 use super::{Edited, Judge};
 

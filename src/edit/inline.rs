@@ -3,23 +3,19 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::definition::Definition;
-use maquette_graph::draft::What;
+use maquette_graph::definition::{Definition, What};
 use maquette_graph::expectation::Expectation;
 use maquette_graph::meaning::named_node;
 use maquette_graph::migrate::kind_of;
 use maquette_graph::rebase::path_of_use;
 use maquette_graph::top::name_of;
 use maquette_graph::{
-    Refusal, Splice, added, apply, behind, field, opened, parts, put_entry, without,
+    Options, Refusal, Splice, added, apply, behind, field, opened, parts, put_entry, without,
 };
 use maquette_syntax::error::{Problem, Span, code};
-use maquette_syntax::paths::folder_of_new;
-use maquette_syntax::paths::without_dots;
-use maquette_syntax::quoted;
-use maquette_syntax::{Field, Kind, Tree, nearest_or_all, with_article};
+use maquette_syntax::paths::{folder_of_new, without_dots};
+use maquette_syntax::{Field, Kind, Tree, nearest_or_all, quoted, with_article};
 
 use super::moved::{
     Given, Known, Sides, free_name, gap_behind, indented_entries, part_with, put_in_place,

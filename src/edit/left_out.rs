@@ -1,11 +1,11 @@
 //! A value for drafts where the file says nothing: the final value that goes beside it is the one that counts if it is left out.
 
-use maquette_graph::check::first;
-use maquette_graph::draft::What;
-use maquette_graph::meaning::{entries, named_node};
-use maquette_graph::patch::is_patch;
+use maquette_graph::definition::What;
+use maquette_graph::load::first;
+use maquette_graph::meaning::named_node;
 use maquette_graph::place::{Found, Refusal, field, find, place};
 use maquette_graph::quality::is_draft;
+use maquette_graph::tree::{entries, is_patch};
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Kind, Tree, inside, parse, ron, variants};

@@ -197,8 +197,7 @@ impl Named<'_> {
     /// The text with another name of something in it; as it is if it has no such thing, or has the new name already.
     fn with_name(self, text: String, section: &str, old: &str, new: &str) -> String {
         let (tree, _) = parse(&text);
-        let mut known =
-            maquette_graph::meaning::entries(tree.fields().unwrap_or_default(), section);
+        let mut known = maquette_graph::tree::entries(tree.fields().unwrap_or_default(), section);
         if known.any(|(name, _)| name == new) {
             return text;
         }

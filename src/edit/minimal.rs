@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::{first, load_text};
 use maquette_graph::fitting::in_plain_numbers;
-use maquette_graph::meaning::{EMPTY, entries, is_default, is_empty, is_usual_most, named_node};
+use maquette_graph::load::{first, load_text};
+use maquette_graph::meaning::{EMPTY, is_default, is_empty, is_usual_most, named_node};
+use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};

@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
-use maquette_graph::Refusal;
-use maquette_graph::check::{Whole, load_whole};
-use maquette_graph::definition::World;
-use maquette_graph::patch::is_patch;
-use maquette_graph::{Files, Options};
+use maquette_graph::definition::Whole;
+use maquette_graph::load::load_whole;
+use maquette_graph::tree::is_patch;
+use maquette_graph::world::World;
+use maquette_graph::{Files, Options, Refusal};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::{parse, syntax_problems};
 pub(super) use same::Sides;

@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::{Whole, first, folder_of};
-use maquette_graph::definition::Definition;
+use maquette_graph::definition::{Definition, Whole};
 use maquette_graph::expectation::Expectation;
 use maquette_graph::expression::named_parameters;
-use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::load::first;
+use maquette_graph::meaning::named_node;
+use maquette_graph::options::folder_of;
 use maquette_graph::top::name_of;
+use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Name, Tree, parse};

@@ -1,12 +1,12 @@
 //! Values that are set in a patch but are a part of what the other graph has: an item of a list, or the draft of a value. A patch names
 //! no such part, so it gets all of the value that has it.
 
-use maquette_graph::check::first;
 use maquette_graph::element::written;
-use maquette_graph::patch::is_patch;
+use maquette_graph::load::first;
 use maquette_graph::place::{Found, Refusal, field, find, place};
 use maquette_graph::quality::{is_draft, is_side};
 use maquette_graph::splice::{Splice, apply};
+use maquette_graph::tree::is_patch;
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Kind, Tree, parse};

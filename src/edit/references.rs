@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use maquette_graph::catalog::{PortDescription, ports};
-use maquette_graph::check::{Whole, first};
-use maquette_graph::definition::Definition;
-use maquette_graph::draft::What;
+use maquette_graph::definition::{Definition, What, Whole};
 use maquette_graph::expectation::Expectation;
-use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::load::first;
+use maquette_graph::meaning::named_node;
 use maquette_graph::place::field;
+use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Body, Kind, Tree};

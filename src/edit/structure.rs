@@ -3,18 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use maquette_graph::Refusal;
 use maquette_graph::expression::named_parameters;
-use maquette_graph::is_name;
-use maquette_graph::meaning::{entries, named_node};
+use maquette_graph::meaning::named_node;
 use maquette_graph::place::field;
 use maquette_graph::splice::{
     Splice, added, apply, newline, parts, put_entry, reindented, without,
 };
 use maquette_graph::top::field_of;
+use maquette_graph::tree::entries;
+use maquette_graph::{Refusal, is_name};
 use maquette_syntax::error::{Problem, Span, code};
-use maquette_syntax::quoted;
-use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, with_article};
+use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, quoted, with_article};
 
 use super::format::entry_form;
 use super::references::{Names, Reference, References};

@@ -435,7 +435,7 @@ impl Evaluator {
             disk.keep_snapshot(&found, self.files.of(graph.files()));
             self.owes = false;
         }
-        let (nodes, wanted) = (graph.nodes.clone(), plan.wanted);
+        let (nodes, wanted) = (graph.nodes().clone(), plan.wanted);
         Evaluation { nodes, wanted, found, news, values, files }
     }
 
@@ -446,7 +446,7 @@ impl Evaluator {
 
     /// What the last process found of the graph, if this one does not know better.
     fn recall(&mut self, graph: &Graph) {
-        let name = &graph.source.name;
+        let name = &graph.source().name;
         if self.last.as_ref().is_some_and(|last| last.graph == *name) {
             return;
         }
@@ -459,7 +459,7 @@ impl Evaluator {
 
     /// Evaluates all outputs of a graph.
     pub fn evaluate_all(&mut self, graph: &Graph) -> Evaluation {
-        let wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
+        let wanted: Vec<usize> = graph.outputs().iter().map(|output| output.node).collect();
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
@@ -476,7 +476,7 @@ impl Evaluator {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Evaluation {
-        let all: Vec<usize> = (0..graph.nodes.len()).collect();
+        let all: Vec<usize> = (0..graph.nodes().len()).collect();
         self.evaluate(graph, &all, &all, observer, cancel)
     }
 }

@@ -154,7 +154,7 @@ impl Session {
         let graph = self.fed(graph, &run.inputs)?;
         let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.wanted);
         let graph = self.resolved(&graph, &wanted, run.observer, &run.cancel);
-        let of_outputs = || graph.outputs.iter().map(|output| output.node).collect::<Vec<_>>();
+        let of_outputs = || graph.outputs().iter().map(|output| output.node).collect::<Vec<_>>();
         let named = |name: &str| match graph.value_named(name) {
             Some((node, _)) => vec![node],
             None => graph.nodes_of(name),
@@ -162,7 +162,7 @@ impl Session {
         let mut nodes = match &run.wanted {
             Wanted::Outputs => of_outputs(),
             Wanted::OutputsAnd(names) => [of_outputs(), places(&graph, names, named)?].concat(),
-            Wanted::Everything => (0..graph.nodes.len()).collect(),
+            Wanted::Everything => (0..graph.nodes().len()).collect(),
             Wanted::Named(names) => places(&graph, names, named)?,
             Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
         };
@@ -243,7 +243,7 @@ impl Session {
         finished: &Finished,
         folder: &OutputFolder,
     ) -> (Vec<Written>, Vec<Problem>) {
-        let outputs = Vec::from_iter(&finished.graph.outputs);
+        let outputs = Vec::from_iter(finished.graph.outputs());
         let cancel = CancelToken::default();
         let Finished { graph, evaluation, .. } = finished;
         folder.write(&outputs, evaluation, graph, &self.catalog, &self.evaluator, &cancel)
@@ -266,7 +266,7 @@ impl Session {
     /// What each node that these need would do now, and why. The values of which something is expected are needed themselves, if they
     /// are not known to be so.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
-        let needed = graph.shape.needed_by(nodes);
+        let needed = graph.shape().needed_by(nodes);
         let (_, open) = self.unjudged(graph, &graph.expected(nodes));
         let mut judged = expect::nodes_of(&open);
         judged.retain(|&node| needed[node]);
@@ -391,14 +391,14 @@ pub(crate) fn outputs_of<'g>(
     only: &[String],
 ) -> Result<Vec<&'g GraphOutput>, String> {
     if only.is_empty() {
-        return Ok(graph.outputs.iter().collect());
+        return Ok(graph.outputs().iter().collect());
     }
     let find = |name: &String| {
         let is_meant = |output: &&GraphOutput| {
             let is_port = graph.ports().iter().any(|port| port.name == *name);
             output.name == *name || is_port && Path::new(&output.name).with_extension("") == **name
         };
-        graph.outputs.iter().find(is_meant).ok_or_else(|| {
+        graph.outputs().iter().find(is_meant).ok_or_else(|| {
             let known = Vec::from_iter(graph.output_names());
             unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
         })
@@ -463,7 +463,7 @@ impl Finished {
     /// The values of all outputs of a node, if they are all there.
     pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
         let node = self.graph.find(name)?;
-        let outputs = 0..self.graph.nodes[node].outputs.len();
+        let outputs = 0..self.graph.nodes()[node].outputs.len();
         outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
@@ -472,7 +472,7 @@ impl Finished {
     /// # Errors
     /// If the value cannot be written in the output's format.
     pub fn files(&self, output: &str) -> Option<Result<Vec<NewFile>, Error>> {
-        let output = self.graph.outputs.iter().find(|known| known.name == output)?;
+        let output = self.graph.outputs().iter().find(|known| known.name == output)?;
         self.evaluation.files(output, None)
     }
 

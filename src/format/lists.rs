@@ -5,7 +5,10 @@ use maquette_node::reading::{AnyReader, NoReader, Readers, Reading, reader};
 use maquette_syntax::error::Error;
 use maquette_value::{Value, value_type};
 
-use super::*;
+use crate::{
+    depth, e57, glb, handles, json, las, obj, pcd, picture_file, ply, png, ptx, range_file, step,
+    stl, surface, three_mf, tiff, xyz,
+};
 
 /// What reads and writes files of well-known formats.
 pub static PACK: Pack = Pack {

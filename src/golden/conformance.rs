@@ -187,7 +187,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
         ));
         return;
     };
-    let Some(index) = graph.nodes.iter().position(|node| node.kind() == entry.name) else {
+    let Some(index) = graph.nodes().iter().position(|node| node.kind() == entry.name) else {
         broken.push(format!("the example {} has no {}", path.display(), entry.name));
         return;
     };
@@ -203,13 +203,13 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     if hashes.windows(2).any(|pair| pair[0] != pair[1]) {
         broken.push(format!("{} gives other bytes for another number of threads", entry.name));
     }
-    for path in changes(&graph.nodes[index].recipe.parameters, entry.schema()) {
-        let set = vec![(format!("{}.{}", graph.nodes[index].name, path.0), path.1.clone())];
+    for path in changes(&graph.nodes()[index].recipe.parameters, entry.schema()) {
+        let set = vec![(format!("{}.{}", graph.nodes()[index].name, path.0), path.1.clone())];
         let Some(changed) = load(set).graph else { continue };
         let changed_node =
-            changed.find(&graph.nodes[index].name).map(|index| &changed.nodes[index]);
+            changed.find(&graph.nodes()[index].name).map(|index| &changed.nodes()[index]);
         if changed_node
-            .is_some_and(|node| node.recipe.parameters == graph.nodes[index].recipe.parameters)
+            .is_some_and(|node| node.recipe.parameters == graph.nodes()[index].recipe.parameters)
         {
             broken.push(format!(
                 "{}: setting `{}` to {} does not change the key",
@@ -225,10 +225,10 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     promises::check(&case, broken);
     attributes::check(&case, broken);
     cells::check(&case, broken);
-    let changes = changes(&graph.nodes[index].recipe.parameters, entry.schema());
+    let changes = changes(&graph.nodes()[index].recipe.parameters, entry.schema());
     let others = changes
         .into_iter()
-        .filter_map(|(path, to)| load(vec![(format!("{}.{path}", graph.nodes[index].name), to)]));
+        .filter_map(|(path, to)| load(vec![(format!("{}.{path}", graph.nodes()[index].name), to)]));
     updates::check(&case, others, broken);
     extremes::check(&case, &load, broken);
 }
@@ -243,7 +243,7 @@ fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
         .filter(|problem| problem.severity == maquette_syntax::error::Severity::Error);
     let errors: Vec<String> = errors.map(|problem| problem.message).collect();
     if errors.is_empty() {
-        Ok((0..graph.nodes.len()).map(|node| evaluation.value(node, 0).cloned()).collect())
+        Ok((0..graph.nodes().len()).map(|node| evaluation.value(node, 0).cloned()).collect())
     } else {
         Err(errors.join("; "))
     }
@@ -328,7 +328,7 @@ fn hostile_inputs(
     for value in outputs.map(|(_, value)| value).filter(|value| !value.can_be_read_back()) {
         broken.push(format!("{}: what `Value::decode` gives is not {value:?}", entry.name));
     }
-    let node = &graph.nodes[index];
+    let node = &graph.nodes()[index];
     let Some(good) = inputs(node, values) else { return };
     let ports = entry.ports();
     for (slot, link) in node.links.iter().enumerate() {
@@ -369,8 +369,8 @@ fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
 fn run_all(graph: &Graph) -> Result<Values, String> {
     let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
-    let places = (0..graph.nodes.len())
-        .flat_map(|node| (0..graph.nodes[node].outputs.len()).map(move |output| (node, output)));
+    let places = (0..graph.nodes().len())
+        .flat_map(|node| (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output)));
     let value = |place: (usize, usize)| Some((place, evaluation.value(place.0, place.1)?.clone()));
     Ok(places.filter_map(value).collect())
 }

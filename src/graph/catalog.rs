@@ -16,8 +16,7 @@ use serde_json::{Value as Json, json};
 
 mod description;
 
-pub use description::{Description, PortDescription, ports};
-pub use description::{describe_default, describe_parameter};
+pub use description::{Description, PortDescription, describe_default, describe_parameter, ports};
 
 /// What the packs of a program offer, by name.
 ///

@@ -1,28 +1,23 @@
 //! What a file says that a graph is: checked once, however often other graphs use it.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Source, Span, Use, code};
-use maquette_syntax::paths::{PathProblem, may_read, without_dots};
-use maquette_syntax::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
+use maquette_node::{AnyNode, Output};
+use maquette_syntax::error::Span;
+use maquette_syntax::{Finding, FoundFile, FoundLink, Name, Sheet, Tree};
 use maquette_value::ValueType;
 use semver::Version;
-use serde_json::{Map, Value as Json, json};
+use serde_json::Value as Json;
 
-use super::check::Check;
 use super::declaration::Declaration;
-use super::draft::Draft;
-use super::each::Each;
-use super::expected::Expecting;
-use super::lineage::Lineage;
 use super::parameters::Parameters;
-use super::pins::Pins;
-use super::top::TopLevel;
-use super::version::Wanted;
-use super::{Options, ReadFile};
-use crate::catalog::Catalog;
+use crate::GraphOutput;
+use crate::catalog::{Entry, PortDescription, ports};
+use crate::expectation::Expectation;
+use crate::files::NodeFile;
+use crate::flat::Lineage;
+use crate::parameters::is_parametric;
+use crate::recipe::Recipe;
 
 /// Properties that are wanted, and where each stands.
 pub(super) type Wants = Vec<(&'static str, Span)>;
@@ -74,299 +69,263 @@ pub struct Port {
     pub(super) span: Span,
 }
 
-/// What all files of a graph share while they are checked.
-pub struct World<'a> {
-    pub(super) catalog: &'a Catalog,
-    pub(super) options: &'a Options,
-    pub roots: Vec<PathBuf>,
-    pub(super) values: BTreeMap<&'static str, &'static ValueType>,
-    /// The files that have been read, by their real path; none if nothing is known of their ports.
-    known: HashMap<PathBuf, Option<Arc<Definition>>>,
-    /// What uses make types of nodes: how deep the use is, the type's name, and the graph.
-    pub listed: Vec<(usize, String, Arc<Definition>)>,
-    /// The files that are being read, each used by the one before: real path and name.
-    pub(super) open: Vec<(PathBuf, PathBuf)>,
-    pub problems: Vec<Problem>,
-    /// All files of graphs beside the first one, those that are not there included.
-    pub(super) subgraphs: Vec<PathBuf>,
-    /// Those of them that can be read, and where they are named.
-    pub(super) entered: Vec<Entered>,
-    /// The inputs of the first graph that nobody gives a value, of those that may be left out.
-    pub(super) absent: BTreeSet<String>,
-    /// The files that the nodes read that have been looked at.
-    pub(super) files: Vec<ReadFile>,
-    /// The results that stand in for nodes of the first graph.
-    pub(super) pins: Arc<Pins>,
-}
-
-/// The fields of an input's declaration.
-pub(super) const INPUT_FIELDS: [&str; 2] = ["doc", "wants"];
-
-/// Graphs that use each other are nested less deep than this: far deeper than anybody can follow.
-const DEEPEST: usize = 256;
-
-/// So many levels fit into the stack of a thread, whose 2 MB are the least that systems give.
-const LEVELS: usize = 32;
-
-/// Does what goes one level deeper; every now and then with a stack of its own.
-pub(super) fn deeper<R: Send>(depth: usize, work: impl FnOnce() -> R + Send) -> R {
-    if !depth.is_multiple_of(LEVELS) || depth == 0 {
-        return work();
-    }
-    let done = std::thread::scope(|scope| scope.spawn(work).join());
-    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-}
-
-impl<'a> World<'a> {
-    pub(super) fn new(catalog: &'a Catalog, options: &'a Options, root: PathBuf) -> Self {
-        let allowed = options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
-        Self {
-            catalog,
-            options,
-            roots: std::iter::once(root).chain(allowed).collect(),
-            values: catalog.value_types().into_iter().collect(),
-            known: HashMap::new(),
-            listed: Vec::new(),
-            open: Vec::new(),
-            problems: Vec::new(),
-            subgraphs: Vec::new(),
-            entered: Vec::new(),
-            absent: BTreeSet::new(),
-            files: Vec::new(),
-            pins: Arc::default(),
-        }
-    }
-
-    /// The version that the graph in a file says it has.
-    pub(super) fn version_of(&self, real: &Path) -> Option<String> {
-        Some(self.known.get(real)?.as_ref()?.version.as_ref()?.to_string())
-    }
-}
-
 /// A type of nodes that a graph makes of another graph: its name there, and what it is if its file says so.
 pub(super) struct Used {
     pub(super) name: String,
     pub(super) definition: Option<Arc<Definition>>,
 }
 
-/// A place where a graph names the file of another one.
-pub(super) struct Entered {
-    pub(super) path: PathBuf,
-    /// The same without links and dots.
-    pub(super) real: PathBuf,
-    pub(super) source: Arc<Source>,
-    pub(super) span: Span,
-    pub(super) uses: Vec<Use>,
+/// What a file says, and what only the first one of a graph gives.
+pub struct Whole {
+    pub definition: Definition,
+    /// Files, with the places of drafts for those of nodes.
+    pub(crate) outputs: Vec<GraphOutput>,
+    /// Those of which nobody knows what they hold: they hang on a node of an unknown type.
+    pub(crate) undecided: Vec<GraphOutput>,
+    /// Whether it gives ports, not files.
+    pub(crate) is_used: bool,
+    /// The nodes that nothing needs.
+    pub(crate) unused: Vec<(String, Span)>,
 }
 
-/// The file of a graph that another one names.
-pub(super) struct FoundGraph {
-    pub(super) path: PathBuf,
-    /// The same without links and dots.
-    pub(super) real: PathBuf,
-    /// The path for messages: relative to what the first graph's is relative to.
-    pub(super) name: PathBuf,
+/// A node while it is checked.
+pub struct Draft {
+    pub name: Name,
+    /// What stands in the file.
+    pub tree: Tree,
+    pub what: What,
+    pub links: Vec<FoundLink>,
+    /// For each link, the nodes and outputs that it names, if they exist.
+    pub(crate) targets: Vec<Option<Vec<(usize, usize)>>>,
+    /// The type of each output, as far as it is known.
+    pub types: Vec<Option<&'static ValueType>>,
+    /// Whether parameters of the graph shape it.
+    pub(crate) parametric: bool,
+    /// Whether its fields have no problem with the defaults.
+    pub(crate) is_sound: bool,
+    /// Whether it is an input that a use may leave out.
+    pub is_optional: bool,
+    /// Its fields with the defaults, if they have no problem, until the node is made of them.
+    pub survey: Option<Survey>,
+    /// A built-in node itself, with the defaults.
+    pub(crate) built: Option<Built>,
+    /// Whether it stands for as many as there will be.
+    pub(crate) repeat: Option<Repeat>,
 }
 
-impl<'a> Check<'_, 'a> {
-    /// Reads the graphs that this one uses.
-    pub(super) fn subgraphs(&mut self, top: &TopLevel<'_>) -> Vec<Used> {
-        let mut subgraphs: Vec<Used> = Vec::with_capacity(top.uses.len());
-        for (key, value) in top.uses {
-            let Some(name) = key.text().filter(|name| is_type_name(name)) else {
-                let message = format!("{} cannot name a type of nodes", key.in_words());
-                let help = "such names begin with a capital letter: \"Feature\"";
-                self.find(code::BAD_NAME, key.span, message, help);
-                continue;
-            };
-            let is_word = matches!(name, "ForEach" | "Switch" | "Graph" | "Patch");
-            let is_taken = is_word || self.world.catalog.has(name);
-            if is_taken || subgraphs.iter().any(|known| known.name == name) {
-                let message = format!("there is already a node type `{name}`");
-                self.find(code::BAD_NAME, key.span, message, "give it another name");
-                continue;
-            }
-            let at = first_use(top, name).unwrap_or((name, key.span));
-            let wanted = self.wanted(name, value);
-            let definition = wanted.as_ref().and_then(|it| self.subgraph(it.path, it.span, at));
-            if let Some(Wanted { path, version: Some(wanted), .. }) = &wanted
-                && let Some(found) = &definition
-            {
-                self.must_fit(name, path, wanted, found);
-            }
-            if let Some(definition) = &definition {
-                let listed = (self.world.open.len(), name.to_owned(), definition.clone());
-                self.world.listed.push(listed);
-            }
-            subgraphs.push(Used { name: name.to_owned(), definition });
+/// What a node is.
+pub enum What {
+    /// Built in.
+    Node(Arc<Entry>),
+    /// A graph, under this name.
+    Use(String, Arc<Definition>),
+    /// What comes into the graph.
+    Input,
+    /// One of its links.
+    Switch(Branches),
+    /// What a `ForEach` goes over: the elements of a value.
+    Elements(Elements),
+    /// One element of a `ForEach` over data.
+    Pick(Pick),
+    /// Of a type that no pack has, with what is told of it; or something that is wrong in another way.
+    Unknown(Option<Finding>),
+}
+
+impl What {
+    /// The names of the outputs.
+    pub fn outputs(&self) -> Vec<&str> {
+        match self {
+            Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
+            Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
+            Self::Pick(pick) => pick.outputs.iter().map(String::as_str).collect(),
+            Self::Input | Self::Switch(_) | Self::Elements(_) | Self::Unknown(_) => Vec::new(),
         }
-        subgraphs
     }
 
-    /// The graph in the file `given`, which the node `at` is the first to use.
-    fn subgraph(&mut self, given: &str, span: Span, at: (&str, Span)) -> Option<Arc<Definition>> {
-        let FoundGraph { path, real, name } = self.enter(given, span)?;
-        if let Some(known) = self.world.known.get(&real) {
-            return known.clone();
+    /// Its ports, if it is a node or a graph.
+    pub fn ports(&self) -> Vec<PortDescription> {
+        match self {
+            Self::Node(entry) => entry.ports(),
+            Self::Use(_, graph) => ports(&graph.fields),
+            _ => Vec::new(),
         }
-        let mut uses = self.uses.clone();
-        let (source, place) = self.sheet.place(at.1);
-        uses.push(Use { name: at.0.to_owned(), source, span: place });
-        self.world.open.push((real.clone(), name.clone()));
-        let world = &mut *self.world;
-        let depth = world.open.len();
-        let definition = deeper(depth, move || super::check::definition(world, &path, name, uses));
-        self.world.open.pop();
-        self.world.known.insert(real, definition.clone());
-        definition
     }
 
-    /// The file of another graph, if it may be read now: not while it is being read.
-    pub(super) fn enter(&mut self, given: &str, span: Span) -> Option<FoundGraph> {
-        let folder = self.sheet.folder_of(span);
-        let path = folder.join(given);
-        // That of a file that is still to be written may not be there, and nothing is found through it.
-        let path = if folder.is_dir() { path } else { without_dots(&path) };
-        self.world.subgraphs.push(path.clone());
-        let is_there = |problem: &PathProblem| {
-            matches!(problem, PathProblem::Missing { .. }) && self.world.options.has_text(&path)
+    /// The type of each output, as far as no link decides it.
+    pub fn types(&self) -> Vec<Option<&'static ValueType>> {
+        let of_node = |output: &Output| match output.types[..] {
+            [kind] => Some(kind),
+            _ => None,
         };
-        let readable = may_read(given, &path, &self.world.roots);
-        if let Err(problem) =
-            readable.or_else(|problem| if is_there(&problem) { Ok(()) } else { Err(problem) })
-        {
-            let (code, message, help) = match problem {
-                PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
-                PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
-            };
-            self.find(code, span, message, help);
-            return None;
+        match self {
+            Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
+            Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
+            _ => Vec::new(),
         }
-        let real = std::fs::canonicalize(&path).unwrap_or_else(|_| without_dots(&path));
-        let (source, _) = self.sheet.place(span);
-        let name = without_dots_within(&source.name.with_file_name(""), given);
-        if let Some(first) = self.world.open.iter().position(|(open, _)| *open == real) {
-            let names = self.world.open[first..].iter().map(|(_, name)| name);
-            let around = names.chain([&name]).map(|name| name.display().to_string());
-            let path = Vec::from_iter(around).join(" -> ");
-            let message = format!("graphs use each other in a circle: {path}");
-            self.find(code::CYCLE, span, message, "a graph cannot be a part of itself");
-            return None;
-        }
-        if self.world.open.len() >= DEEPEST {
-            let message = format!("graphs are nested more than {DEEPEST} deep here");
-            self.find(code::CYCLE, span, message, "use the inner ones side by side");
-            return None;
-        }
-        let (source, span) = self.sheet.place(span);
-        let uses = self.uses.clone();
-        self.world.entered.push(Entered {
-            path: path.clone(),
-            real: real.clone(),
-            source,
-            span,
-            uses,
-        });
-        Some(FoundGraph { path, real, name })
     }
 
-    /// The inputs that a graph declares, as drafts of nodes that give them.
-    pub(super) fn inputs(
-        &mut self,
-        entries: &[(Tree, Tree)],
-    ) -> (Vec<Draft>, Map<String, Json>, Vec<Wants>) {
-        let (mut drafts, mut schema, mut all_wants) = (Vec::new(), Map::new(), Vec::new());
-        for (key, value) in self.named(entries, "input", &[]) {
-            let name = key.text().unwrap_or_default();
-            let optional = value.call_of("Optional");
-            let value = optional.unwrap_or(value);
-            let kind = self.input(name, value);
-            let fields = value.fields().unwrap_or_default().iter();
-            let wants = fields.filter(|field| field.name.text == "wants");
-            let wants = Vec::from_iter(wants.flat_map(|field| self.properties(&field.value, kind)));
-            let key = Name { text: name.to_owned(), span: key.span };
-            drafts.push(Draft::input(key, value.clone(), kind, optional.is_some()));
-            let doc = value.fields().unwrap_or_default().iter();
-            let doc = doc.filter(|field| field.name.text == "doc").find_map(|f| f.value.text());
-            // A port of which nothing is known takes nothing; what is linked to it is not judged either.
-            let kind = kind.map_or("", |kind| kind.name);
-            let doc = doc.unwrap_or_default();
-            let mut port = json!({ "port": kind, "types": [kind], "description": doc });
-            if !wants.is_empty() {
-                port["wants"] = wants.iter().map(|&(property, _)| property).collect();
-            }
-            schema.insert(name.to_owned(), port);
-            all_wants.push(wants);
+    /// The description of its fields.
+    pub fn schema(&self) -> Option<&Json> {
+        match self {
+            Self::Node(entry) => Some(entry.merged_schema()),
+            Self::Use(_, graph) => Some(&graph.fields),
+            _ => None,
         }
-        (drafts, schema, all_wants)
     }
 
-    fn input(&mut self, name: &str, value: &Tree) -> Option<&'static ValueType> {
-        let Some(kind) = value.name() else {
-            let message = format!("input `{name}` has no type, but is {}", value.in_words());
-            self.find(code::WRONG_VALUE, value.span, message, "write Mesh(doc: \"what it is\")");
-            return None;
+    /// The name of its type.
+    pub(crate) fn kind(&self) -> &str {
+        match self {
+            Self::Node(entry) => &entry.name,
+            Self::Use(name, _) => name,
+            Self::Input => "input",
+            Self::Switch(_) => "Switch",
+            Self::Elements(_) => "ForEach",
+            Self::Pick(pick) => &pick.kind,
+            Self::Unknown(_) => "",
+        }
+    }
+}
+
+impl Draft {
+    pub(crate) fn input(
+        name: Name,
+        tree: Tree,
+        kind: Option<&'static ValueType>,
+        is_optional: bool,
+    ) -> Self {
+        Self { types: vec![kind], is_optional, ..Self::new(name, tree, What::Input) }
+    }
+
+    /// A draft that is no node of the catalog, with its links.
+    pub(crate) fn linked(name: Name, tree: Tree, what: What, links: Vec<FoundLink>) -> Self {
+        Self { links, ..Self::new(name, tree, what) }
+    }
+
+    pub(crate) fn new(name: Name, tree: Tree, what: What) -> Self {
+        Self {
+            name,
+            parametric: is_parametric(&tree),
+            tree,
+            what,
+            links: Vec::new(),
+            targets: Vec::new(),
+            types: Vec::new(),
+            is_sound: true,
+            is_optional: false,
+            survey: None,
+            built: None,
+            repeat: None,
+        }
+    }
+
+    /// Whether a link to this output leads to a list, of a length that is known late.
+    pub fn is_list(&self, output: usize) -> bool {
+        let Some(repeat) = &self.repeat else { return false };
+        let outputs = self.what.outputs();
+        let name = outputs.get(output).copied().unwrap_or_default();
+        repeat.carry.iter().all(|(carried, _)| carried != name)
+    }
+}
+
+/// A `ForEach`: one node for each element of a list.
+pub struct Each {
+    pub name: String,
+    /// Where its name stands.
+    pub(crate) span: Span,
+    /// The type of its nodes.
+    pub(crate) kind: String,
+    /// Their places among the drafts.
+    pub(crate) elements: Vec<usize>,
+    /// What each element takes from the one before, and what the first one takes instead.
+    pub(crate) carry: Vec<(String, Tree)>,
+    /// The outputs of its nodes, if it has none.
+    pub outputs: Option<Vec<String>>,
+}
+
+impl Each {
+    /// Whether a link begins with its name.
+    pub(crate) fn is_named(&self, link: &str) -> bool {
+        link.split('.').next() == Some(&self.name)
+    }
+}
+
+/// The branches of a `Switch`.
+pub struct Branches {
+    /// Names, and links to what each gives.
+    pub(crate) cases: Vec<(String, Tree)>,
+    pub(crate) choose: Tree,
+}
+
+/// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
+pub(crate) struct Expecting {
+    pub(crate) expectation: Expectation,
+    pub(crate) span: Span,
+    pub(crate) targets: Vec<Option<(usize, usize)>>,
+}
+
+/// A node's fields, looked at: the values that they have, and the links and files among them.
+pub struct Survey {
+    pub(crate) tree: Tree,
+    pub(crate) links: Vec<FoundLink>,
+    pub(crate) files: Vec<FoundFile>,
+}
+
+/// A built-in node, ready to be put into a graph.
+#[derive(Clone)]
+pub(crate) struct Built {
+    pub(crate) node: Arc<dyn AnyNode>,
+    pub(crate) pack: &'static str,
+    pub(crate) recipe: Arc<Recipe>,
+    pub(crate) files: Vec<NodeFile>,
+    pub(crate) tree: Arc<Tree>,
+}
+
+/// How a draft is repeated whose number is no matter of its file.
+pub(crate) struct Repeat {
+    pub(crate) count: Counted,
+    /// The parameter that gets the element's number, from 1.
+    pub(crate) number: Option<Name>,
+    /// What each element takes from the one before, and what the first one takes instead.
+    pub(crate) carry: Vec<(String, Tree)>,
+    pub(crate) most: Option<Tree>,
+}
+
+impl Repeat {
+    /// What says how many elements there are, and may be, if numbers do.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = &Tree> {
+        let count = match &self.count {
+            Counted::Number(count) => Some(count),
+            Counted::Data(..) => None,
         };
-        for field in value.fields().unwrap_or_default() {
-            let word = &field.name.text;
-            if !INPUT_FIELDS.contains(&&word[..]) {
-                let message = format!("an input has no field `{word}`");
-                let help = nearest_or_all(word, "its fields", &INPUT_FIELDS);
-                self.find(code::UNKNOWN_FIELD, field.name.span, message, help);
-            } else if word == "doc" && field.value.text().is_none() && !field.value.is_broken() {
-                let message =
-                    format!("field `doc` of an input is a text, not {}", field.value.in_words());
-                self.find(code::WRONG_VALUE, field.value.span, message, "");
-            }
-        }
-        if let Kind::Call { body: Body::Items(_), .. } = value.kind {
-            let message = format!("input `{name}` has a value without a name");
-            self.find(code::WRONG_VALUE, value.span, message, "write Mesh(doc: \"what it is\")");
-        }
-        let found = self.world.values.get(&kind.text[..]).copied();
-        if found.is_none() {
-            let message = format!("there is no type of values `{}`", kind.text);
-            let known = Vec::from_iter(self.world.values.keys().copied());
-            let help = match nearest(&kind.text, known.iter().copied()) {
-                help if help.is_empty() => format!("types: {}", known.join(", ")).into(),
-                help => help,
-            };
-            self.find(code::WRONG_VALUE, kind.span, message, help);
-        }
-        found
+        count.into_iter().chain(&self.most)
     }
 }
 
-/// The first node of this type, and its place.
-fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
-    let is_of_type = |node: &&(Tree, Tree)| {
-        let graph = |field: &Field| field.name.text == "graph" && field.value.text() == Some(name);
-        let kind = node.1.name();
-        kind.as_ref().is_some_and(|kind| kind.text == name)
-            || kind.is_some_and(|kind| kind.text == "ForEach")
-                && node.1.fields().is_some_and(|fields| fields.iter().any(graph))
-    };
-    let (key, _) = top.nodes.iter().find(is_of_type)?;
-    Some((key.text()?, key.span))
+/// What says how many there are.
+pub(crate) enum Counted {
+    /// A number.
+    Number(Tree),
+    /// The draft of the elements of a value, and the port that takes each.
+    Data(usize, String),
 }
 
-/// Whether a word can name a type of nodes.
-pub fn is_type_name(word: &str) -> bool {
-    word.starts_with(|c: char| c.is_ascii_uppercase())
-        && word.chars().all(|c| c.is_ascii_alphanumeric())
+/// The elements of a value, for a `ForEach`.
+pub struct Elements {
+    /// Which ones, if a word says so.
+    pub(crate) word: String,
+    /// The `ForEach`.
+    pub(crate) each: String,
+    pub(crate) most: Option<Tree>,
 }
 
-/// A path from a folder on, without more dots than the folder itself has.
-fn without_dots_within(folder: &Path, given: &str) -> PathBuf {
-    let mut path = folder.to_owned();
-    for part in Path::new(given).components() {
-        match part {
-            std::path::Component::CurDir => {}
-            std::path::Component::ParentDir if path.file_name().is_some() => {
-                path.pop();
-            }
-            part => path.push(part),
-        }
-    }
-    path
+/// One element of a `ForEach` whose number is known late.
+pub struct Pick {
+    /// The draft that is repeated.
+    pub(crate) of: usize,
+    /// Which one, from 1.
+    pub(crate) number: usize,
+    /// What it is: its type and outputs.
+    pub(crate) kind: String,
+    pub(crate) outputs: Vec<String>,
 }

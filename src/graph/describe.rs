@@ -1,14 +1,9 @@
 //! What is told of a graph that others use: the same as of a built-in node.
 
-use std::path::Path;
-
-use maquette_syntax::error::Problem;
 use serde_json::{Map, Value as Json};
 
-use super::check::{self, Whole};
-use super::definition::{Definition, World};
-use super::{Graph, Options};
-use crate::catalog::{Catalog, Description};
+use super::definition::Definition;
+use crate::catalog::Description;
 
 /// A graph that others use, as far as they see it.
 #[derive(Clone)]
@@ -80,45 +75,5 @@ impl Subgraph {
     /// The name of its first output.
     pub(super) fn first_output(&self) -> Option<&str> {
         self.outputs.first().map(|(name, _)| &name[..])
-    }
-}
-
-impl Graph {
-    /// The graphs that a graph uses, and those that they use: outer ones first. Itself before them if it has inputs.
-    pub fn subgraphs(
-        path: &Path,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> (Vec<Subgraph>, Vec<Problem>) {
-        match options.text(path) {
-            Ok(text) => Self::subgraphs_of(path, text, catalog, options),
-            Err(_) => (Vec::new(), check::load(path, catalog, options).problems),
-        }
-    }
-
-    /// The same for a text that stands in the file, or will.
-    pub fn subgraphs_of(
-        path: &Path,
-        text: String,
-        catalog: &Catalog,
-        options: &Options,
-    ) -> (Vec<Subgraph>, Vec<Problem>) {
-        let (mut world, whole) = check::first(path, text, catalog, options);
-        let mut found = Vec::new();
-        if let Some(Whole { definition, .. }) = whole.filter(|whole| whole.is_used) {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            found.push(Subgraph::new(&name, &definition));
-        }
-        world.listed.sort_by_key(|listed| listed.0);
-        let World { listed, problems, .. } = world;
-        for (_, name, definition) in listed {
-            let subgraph = Subgraph::new(&name, &definition);
-            let is_known =
-                |known: &Subgraph| (&known.name, &known.file) == (&subgraph.name, &subgraph.file);
-            if !found.iter().any(is_known) {
-                found.push(subgraph);
-            }
-        }
-        (found, problems)
     }
 }

@@ -12,15 +12,16 @@ use maquette_syntax::paths::project_root;
 use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
 use serde_json::json;
 
-use super::Graph;
-use super::check::{first, folder_of};
 use super::describe::Subgraph;
-use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
+use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed};
 use super::migrate::renewed_graph;
-use super::patch::{is_patch, patched_tree};
+use super::patch::patched_tree;
 use super::rebase::seen_from;
-use super::{Files, Options};
+use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
+use crate::load::first;
+use crate::options::folder_of;
+use crate::tree::{is_patch, joined, show};
 
 /// One difference between two graphs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -519,9 +520,4 @@ impl Walk<'_, '_> {
         let inside = Vec::new();
         self.found.push(Difference { what, name, change, field, before, after, inside });
     }
-}
-
-/// A way through fields, and one step more.
-pub(super) fn joined(path: &str, step: &str) -> String {
-    if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }

@@ -7,10 +7,10 @@ use maquette_syntax::error::{Problem, Source};
 use maquette_syntax::{Tree, parse};
 use maquette_value::plain;
 
-use super::check::folder_of;
-use super::meaning::entries;
 use super::{Change, Difference, Graph};
 use crate::catalog::Catalog;
+use crate::options::folder_of;
+use crate::tree::entries;
 
 impl Graph {
     /// How two graphs differ, and those that they use, in them and so on, where both have one under the same name in different files. A

@@ -1,162 +1,17 @@
 //! The nodes of a graph as its file has them, looked at one by one with the defaults of parameters.
 
 use std::collections::HashSet;
-use std::sync::Arc;
 
-use maquette_node::Output;
 use maquette_syntax::error::code;
 use maquette_syntax::{Finding, FoundLink, Kind, Name, Tree, nearest};
-use maquette_value::ValueType;
-use serde_json::Value as Json;
 
 use super::check::Check;
-use super::definition::{Definition, Used};
-use super::each::{Branches, Each, Over, element_name};
+use super::definition::Used;
+use super::each::{Over, element_name};
 use super::migrate::renewed;
-use super::node::{Built, Survey, is_own};
-use super::parameters::{Parameters, is_parametric};
-use super::repeat::{Elements, Pick, Repeat};
-use crate::catalog::{Entry, PortDescription, ports};
-
-/// A node while it is checked.
-pub struct Draft {
-    pub name: Name,
-    /// What stands in the file.
-    pub tree: Tree,
-    pub what: What,
-    pub links: Vec<FoundLink>,
-    /// For each link, the nodes and outputs that it names, if they exist.
-    pub(super) targets: Vec<Option<Vec<(usize, usize)>>>,
-    /// The type of each output, as far as it is known.
-    pub types: Vec<Option<&'static ValueType>>,
-    /// Whether parameters of the graph shape it.
-    pub(super) parametric: bool,
-    /// Whether its fields have no problem with the defaults.
-    pub(super) is_sound: bool,
-    /// Whether it is an input that a use may leave out.
-    pub is_optional: bool,
-    /// Its fields with the defaults, if they have no problem, until the node is made of them.
-    survey: Option<Survey>,
-    /// A built-in node itself, with the defaults.
-    pub(super) built: Option<Built>,
-    /// Whether it stands for as many as there will be.
-    pub(super) repeat: Option<Repeat>,
-}
-
-/// What a node is.
-pub enum What {
-    /// Built in.
-    Node(Arc<Entry>),
-    /// A graph, under this name.
-    Use(String, Arc<Definition>),
-    /// What comes into the graph.
-    Input,
-    /// One of its links.
-    Switch(Branches),
-    /// What a `ForEach` goes over: the elements of a value.
-    Elements(Elements),
-    /// One element of a `ForEach` over data.
-    Pick(Pick),
-    /// Of a type that no pack has, with what is told of it; or something that is wrong in another way.
-    Unknown(Option<Finding>),
-}
-
-impl What {
-    /// The names of the outputs.
-    pub fn outputs(&self) -> Vec<&str> {
-        match self {
-            Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
-            Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
-            Self::Pick(pick) => pick.outputs.iter().map(String::as_str).collect(),
-            Self::Input | Self::Switch(_) | Self::Elements(_) | Self::Unknown(_) => Vec::new(),
-        }
-    }
-
-    /// Its ports, if it is a node or a graph.
-    pub fn ports(&self) -> Vec<PortDescription> {
-        match self {
-            Self::Node(entry) => entry.ports(),
-            Self::Use(_, graph) => ports(&graph.fields),
-            _ => Vec::new(),
-        }
-    }
-
-    /// The type of each output, as far as no link decides it.
-    fn types(&self) -> Vec<Option<&'static ValueType>> {
-        let of_node = |output: &Output| match output.types[..] {
-            [kind] => Some(kind),
-            _ => None,
-        };
-        match self {
-            Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
-            Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
-            _ => Vec::new(),
-        }
-    }
-
-    /// The description of its fields.
-    pub fn schema(&self) -> Option<&Json> {
-        match self {
-            Self::Node(entry) => Some(entry.merged_schema()),
-            Self::Use(_, graph) => Some(&graph.fields),
-            _ => None,
-        }
-    }
-
-    /// The name of its type.
-    pub(super) fn kind(&self) -> &str {
-        match self {
-            Self::Node(entry) => &entry.name,
-            Self::Use(name, _) => name,
-            Self::Input => "input",
-            Self::Switch(_) => "Switch",
-            Self::Elements(_) => "ForEach",
-            Self::Pick(pick) => &pick.kind,
-            Self::Unknown(_) => "",
-        }
-    }
-}
-
-impl Draft {
-    pub(super) fn input(
-        name: Name,
-        tree: Tree,
-        kind: Option<&'static ValueType>,
-        is_optional: bool,
-    ) -> Self {
-        Self { types: vec![kind], is_optional, ..Self::new(name, tree, What::Input) }
-    }
-
-    /// A draft that is no node of the catalog, with its links.
-    pub(super) fn linked(name: Name, tree: Tree, what: What, links: Vec<FoundLink>) -> Self {
-        Self { links, ..Self::new(name, tree, what) }
-    }
-
-    pub(super) fn new(name: Name, tree: Tree, what: What) -> Self {
-        Self {
-            name,
-            parametric: is_parametric(&tree),
-            tree,
-            what,
-            links: Vec::new(),
-            targets: Vec::new(),
-            types: Vec::new(),
-            is_sound: true,
-            is_optional: false,
-            survey: None,
-            built: None,
-            repeat: None,
-        }
-    }
-
-    /// Whether a link to this output leads to a list, of a length that is known late.
-    pub fn is_list(&self, output: usize) -> bool {
-        let Some(repeat) = &self.repeat else { return false };
-        let outputs = self.what.outputs();
-        let name = outputs.get(output).copied().unwrap_or_default();
-        repeat.carry.iter().all(|(carried, _)| carried != name)
-    }
-}
+use super::node::is_own;
+use super::parameters::Parameters;
+use crate::definition::{Draft, Each, What};
 
 impl<'a> Check<'_, 'a> {
     /// What may be left out must not be needed.

@@ -8,28 +8,7 @@ use maquette_syntax::{Body, Field, Help, Kind, Name, Tree, nearest_or_all};
 use super::check::Check;
 use super::quality::chosen;
 use super::top::{field_of, name_of};
-
-/// A `ForEach`: one node for each element of a list.
-pub struct Each {
-    pub name: String,
-    /// Where its name stands.
-    pub(super) span: Span,
-    /// The type of its nodes.
-    pub(super) kind: String,
-    /// Their places among the drafts.
-    pub(super) elements: Vec<usize>,
-    /// What each element takes from the one before, and what the first one takes instead.
-    pub(super) carry: Vec<(String, Tree)>,
-    /// The outputs of its nodes, if it has none.
-    pub outputs: Option<Vec<String>>,
-}
-
-impl Each {
-    /// Whether a link begins with its name.
-    pub(super) fn is_named(&self, link: &str) -> bool {
-        link.split('.').next() == Some(&self.name)
-    }
-}
+use crate::definition::Branches;
 
 /// What `name: ForEach(..)` says.
 pub(super) struct Repeated {
@@ -99,13 +78,6 @@ impl Repeated {
 pub(super) fn numbered(name: &Name, number: usize) -> Field {
     let number = Kind::Number { value: number as f64, whole: true };
     Field { name: name.clone(), value: Tree::new(name.span, number) }
-}
-
-/// The branches of a `Switch`.
-pub struct Branches {
-    /// Names, and links to what each gives.
-    pub(super) cases: Vec<(String, Tree)>,
-    pub(super) choose: Tree,
 }
 
 /// The fields of a `ForEach`.

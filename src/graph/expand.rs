@@ -9,19 +9,18 @@ use std::sync::Arc;
 use maquette_syntax::error::{Problem, Severity, Use, code};
 use maquette_syntax::{Body, Field, Finding, Kind, Tree};
 
-use super::check::{Check, Whole};
-use super::definition::{Definition, World, deeper};
-use super::draft::{Draft, What};
-use super::each::Branches;
+use super::check::Check;
+use super::definition::Definition;
 use super::expected::Expected;
 use super::guards::Known;
 use super::input::input_node;
-use super::node::Built;
 use super::parameters::{Parameters, handed_over};
-use super::stage::{Counts, Loop};
 use super::top::name_of;
 use super::unknown::unknown_node;
 use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
+use crate::definition::{Branches, Built, Draft, What, Whole};
+use crate::flat::{Counts, Loop};
+use crate::world::{World, deeper};
 
 mod elements;
 mod expect;

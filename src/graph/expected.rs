@@ -8,17 +8,10 @@ use maquette_syntax::{Kind, Tree};
 
 use super::check::Check;
 use super::definition::Port;
-use super::draft::Draft;
 use super::expectation::Expectation;
 use super::link::Names;
 use super::{Graph, GraphOutput};
-
-/// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
-pub(super) struct Expecting {
-    pub(super) expectation: Expectation,
-    pub(super) span: Span,
-    pub(super) targets: Vec<Option<(usize, usize)>>,
-}
+use crate::definition::{Draft, Expecting};
 
 /// An expectation of values of a flat graph, under the names that they have there.
 #[derive(Clone)]

@@ -12,9 +12,8 @@ use std::time::Instant;
 use maquette_node::reading::{Readers, Reading, read_companion};
 use maquette_node::{Companions, File, ReadError};
 use maquette_syntax::error::in_words;
-use maquette_value::Hash;
-use maquette_value::plain;
 use maquette_value::plain::ending;
+use maquette_value::{Hash, plain};
 use serde::{Deserialize, Serialize};
 
 use crate::stamp::Stamp;

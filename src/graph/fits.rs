@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Finding, Help, Kind, Tree, nearest_or_all, with_article};
-use maquette_value::counted;
-use maquette_value::{Meaning, Region, Value as _, ValueType};
+use maquette_value::{Meaning, Region, Value as _, ValueType, counted};
 
 use crate::Expectation;
 

@@ -1,199 +1,59 @@
-//! A graph that has been checked, and what shapes its reading.
+//! A graph that has been checked.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
-use maquette_node::AnyNode;
-use maquette_node::pack::Format;
 use maquette_node::reading::Readers;
-use maquette_syntax::error::{Problem, Severity, Source, Span, Use};
-use maquette_syntax::paths::without_dots;
-use maquette_syntax::{Origin, Sheet, Tree, ron, shell};
-use maquette_value::plain;
+use maquette_syntax::error::{Problem, Severity, Source, Span};
+use maquette_syntax::{ron, shell};
 use maquette_value::{Hash, ValueType};
 
-use super::lineage::Lineage;
-use super::*;
-use crate::catalog::Catalog;
-use crate::files::NodeFile;
+use crate::Shape;
+use crate::definition::Whole;
+use crate::expected::Expected;
+use crate::flat::{Counts, GraphNode, GraphOutput, GraphUse, Loop};
+use crate::input::{GraphInput, GraphPort, InputValues};
+use crate::options::{Options, ReadFile};
+use crate::pins::Pins;
 
 /// A graph that has been checked: every name, type, range and path in it is right.
 #[derive(Clone)]
 pub struct Graph {
-    pub source: Arc<Source>,
+    pub(crate) source: Arc<Source>,
     /// The files of the graphs that it uses.
     pub(crate) subgraphs: Vec<PathBuf>,
     /// What it is for, in its author's words.
-    pub doc: String,
+    pub(crate) doc: String,
     /// Its nodes, each after those that it hangs on.
-    pub nodes: Arc<[GraphNode]>,
-    pub shape: Arc<Shape>,
-    pub outputs: Vec<GraphOutput>,
+    pub(crate) nodes: Arc<[GraphNode]>,
+    pub(crate) shape: Arc<Shape>,
+    pub(crate) outputs: Vec<GraphOutput>,
     /// What reads the files of its nodes.
-    pub readers: Arc<Readers>,
+    pub(crate) readers: Arc<Readers>,
     /// What it wants and gives if it is a function of values.
     pub(crate) inputs: Vec<GraphInput>,
-    pub ports: Vec<GraphPort>,
+    pub(crate) ports: Vec<GraphPort>,
     /// What it is made of again without some inputs, if it has such that may be left out and none has been given a value yet.
-    pub(crate) text: Option<Arc<input::GraphText>>,
+    pub(crate) text: Option<Arc<GraphText>>,
     /// What must hold of its values, and of those of the graphs that it uses.
-    pub expect: Arc<[Expected]>,
+    pub(crate) expect: Arc<[Expected]>,
     /// Its inputs and parameters, described as a node's fields are.
-    pub schema: serde_json::Value,
+    pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
-    pub uses: Arc<[GraphUse]>,
+    pub(crate) uses: Arc<[GraphUse]>,
     /// Each `ForEach` over data.
     pub(crate) loops: Arc<[Loop]>,
     /// Those of which the number of elements has been found out.
     pub(crate) settled: BTreeSet<String>,
     /// What it is expanded from again, if it has such.
-    pub(crate) stage: Option<Arc<stage::Stage>>,
+    pub(crate) stage: Option<Arc<Stage>>,
     /// The values at its inputs.
     pub(crate) given: InputValues,
     /// The words of a command that say how it was read.
-    pub words: Arc<[String]>,
+    pub(crate) words: Arc<[String]>,
     /// Names in its own file that no output of it needs, and what is wanted and never given.
     pub(crate) warnings: Vec<Problem>,
-}
-
-/// A node of a graph.
-#[derive(Clone)]
-pub struct GraphNode {
-    pub name: String,
-    pub recipe: Arc<Recipe>,
-    /// The text in which it stands.
-    pub sheet: Arc<Sheet>,
-    pub span: Span,
-    /// The uses of graphs that lead to it.
-    pub uses: Arc<[Use]>,
-    pub node: Arc<dyn AnyNode>,
-    /// The pack that has its type; empty for what is the engine's own.
-    pub pack: &'static str,
-    /// What its ports are linked to; a port's slot is its index here.
-    pub links: Vec<Link>,
-    /// The files that it reads.
-    pub files: Vec<NodeFile>,
-    /// What stands in the file.
-    pub(crate) tree: Arc<Tree>,
-    pub outputs: Vec<&'static str>,
-    /// The type of each output; none for that of a union whose port has no link.
-    pub types: Vec<Option<&'static ValueType>>,
-    /// What is tested of the values that come to it before it runs.
-    pub guards: Vec<Guard>,
-}
-
-/// A use of a graph, or what else stands for nodes.
-#[derive(Clone)]
-pub struct GraphUse {
-    pub name: String,
-    /// The type's name: `Feature`.
-    pub kind: String,
-    /// What each port is linked to, by node and output.
-    pub inputs: Vec<(String, (usize, usize))>,
-    /// What each output gives; several values only for a `ForEach`.
-    pub outputs: Vec<(String, Vec<(usize, usize)>)>,
-    /// A `ForEach` whose elements are not known yet: its nodes are those of an example.
-    pub is_open: bool,
-}
-
-/// A link from a port to another node's output.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Link {
-    pub port: String,
-    pub node: usize,
-    pub output: usize,
-}
-
-/// A file that a graph gives.
-#[derive(Clone)]
-pub struct GraphOutput {
-    /// Relative to the folder of all outputs.
-    pub name: String,
-    pub node: usize,
-    pub output: usize,
-    pub format: Format,
-    /// What from outside may shape it.
-    pub lineage: Arc<Lineage>,
-    /// The file that names it, and where.
-    pub source: Arc<Source>,
-    pub span: Span,
-}
-
-/// What shapes the reading of a graph, beside its file.
-#[derive(Clone, Debug, Default)]
-pub struct Options {
-    /// Folders outside of the project that the graph may read.
-    pub roots: Vec<PathBuf>,
-    /// Values in place of defaults and fields: (`name` or `node.field`, RON).
-    pub set: Vec<(String, String)>,
-    /// Whether each `Draft(final: .., draft: ..)` stands for its draft. What is computed from another value has another key, so that a
-    /// final run never takes what a draft gave.
-    pub draft: bool,
-    /// Whether results that are pinned beside the graph's file stand in for their nodes.
-    pub pins: bool,
-    /// Whether the files that the graph reads must be there.
-    pub files: Files,
-    /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.
-    pub texts: BTreeMap<PathBuf, String>,
-    /// Whether the graphs that it uses must be what the lock file beside it says; otherwise it is a warning if they are not.
-    pub locked: bool,
-}
-
-impl Options {
-    /// The same with a text in place of the file of a graph at this path.
-    #[must_use]
-    pub fn with_text(mut self, path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        self.texts.insert(path.into(), text.into());
-        self
-    }
-
-    /// The words of a command that say the same of a graph, whether or not it has pins.
-    pub fn words(&self) -> Vec<String> {
-        let mut words = Vec::new();
-        for (name, value) in &self.set {
-            words.extend(["--set".to_owned(), format!("{name}={value}")]);
-        }
-        for root in &self.roots {
-            words.extend(["--root".to_owned(), root.display().to_string()]);
-        }
-        let flags = [(self.draft, "--draft"), (self.locked, "--locked")];
-        let flags = flags.into_iter().filter(|(is_set, _)| *is_set);
-        words.extend(flags.map(|(_, flag)| flag.to_owned()));
-        words
-    }
-
-    /// The text of a graph's file, or the one that stands in its place.
-    pub fn text(&self, path: &Path) -> std::io::Result<String> {
-        match self.text_in_place_of(path) {
-            Some(text) => Ok(text.clone()),
-            None => plain::read_text(path),
-        }
-    }
-
-    /// However the path is written that leads there.
-    fn text_in_place_of(&self, path: &Path) -> Option<&String> {
-        let texts = Some(&self.texts).filter(|texts| !texts.is_empty())?;
-        let real = || texts.get(&std::fs::canonicalize(path).ok()?);
-        texts.get(path).or_else(|| texts.get(&without_dots(path))).or_else(real)
-    }
-
-    /// Whether a text stands in place of the file.
-    pub fn has_text(&self, path: &Path) -> bool {
-        self.text_in_place_of(path).is_some()
-    }
-}
-
-/// What a check demands of the files that a graph reads.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Files {
-    /// They must be there, inside of the project.
-    #[default]
-    Needed,
-    /// They may be missing, but no other ones may be named than those inside of the project: the graph is edited.
-    Inside,
-    /// Nothing: the graph is looked at, not evaluated.
-    Ignored,
 }
 
 /// A graph, if it can be evaluated, and all problems of its file.
@@ -211,66 +71,51 @@ pub struct Checked {
     pub subgraphs: Vec<PathBuf>,
 }
 
-/// A file that a node of a graph reads.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ReadFile {
-    /// Where it is, or would be.
-    pub path: PathBuf,
-    /// The name of the node.
-    pub node: String,
-    /// Whether the node can do without it.
-    pub optional: bool,
-}
-
-impl GraphNode {
-    /// The type's name: `Threshold`.
-    pub fn kind(&self) -> &str {
-        &self.recipe.kind
-    }
-
-    /// Where the parameter at the end of this way through the node's fields stands, as far as the file says it: in words. What
-    /// comes through uses stands where the first of them has it.
-    pub fn place_of(&self, path: &[String]) -> String {
-        let tree = self.tree.at(path);
-        match &tree.origin {
-            Some(Origin::Given(given)) => given.place(),
-            _ => self.sheet.place_in_words(tree.span),
-        }
-    }
-
-    /// A problem of the node, at its place.
-    pub fn problem(
-        &self,
-        severity: Severity,
-        code: &'static str,
-        message: String,
-        help: &str,
-    ) -> Problem {
-        let (source, span) = self.sheet.place(self.span);
-        Problem {
-            help: help.into(),
-            uses: self.uses.to_vec(),
-            ..Problem::new(severity, code, (source, span), message)
-        }
-    }
-}
-
 impl Graph {
-    /// Reads and checks a graph file and those that it uses. Runs no node and opens no other file.
-    pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
-        check::load(path, catalog, options)
+    /// The text of its file.
+    pub fn source(&self) -> &Arc<Source> {
+        &self.source
     }
 
-    /// The same for a text that stands, or will stand, in the file.
-    pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> Checked {
-        check::load_text(path, text, catalog, options)
+    /// Its nodes, each after those that it hangs on.
+    pub fn nodes(&self) -> &Arc<[GraphNode]> {
+        &self.nodes
+    }
+
+    /// The files that it gives.
+    pub fn outputs(&self) -> &[GraphOutput] {
+        &self.outputs
+    }
+
+    /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
+    pub fn uses(&self) -> &Arc<[GraphUse]> {
+        &self.uses
+    }
+
+    /// What must hold of its values, and of those of the graphs that it uses.
+    pub fn expectations(&self) -> &Arc<[Expected]> {
+        &self.expect
+    }
+
+    /// What reads the files of its nodes.
+    pub fn readers(&self) -> &Arc<Readers> {
+        &self.readers
+    }
+
+    pub fn shape(&self) -> &Arc<Shape> {
+        &self.shape
+    }
+
+    /// The words of a command that say how it was read.
+    pub fn words(&self) -> &[String] {
+        &self.words
     }
 
     /// Remembers what it is made of, if it may have to be made again without some inputs.
     pub fn remember(&mut self, path: &Path, text: &str, options: &Options) {
         if self.inputs.iter().any(|input| input.optional) {
             let (path, text, options) = (path.to_owned(), text.to_owned(), options.clone());
-            self.text = Some(Arc::new(input::GraphText { path, text, options }));
+            self.text = Some(Arc::new(GraphText { path, text, options }));
         }
     }
 
@@ -426,4 +271,25 @@ impl Graph {
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         self.nodes.iter().flat_map(|node| &node.files).map(|file| &*file.path)
     }
+}
+
+/// The text of a graph, of which another graph is made where inputs are left out.
+pub(crate) struct GraphText {
+    pub(crate) path: PathBuf,
+    pub(crate) text: String,
+    pub(crate) options: Options,
+}
+
+/// All that a graph is expanded from again.
+pub(crate) struct Stage {
+    pub whole: Arc<Whole>,
+    pub options: Options,
+    pub root: PathBuf,
+    /// Whether it has nodes of unknown types.
+    pub is_partial: bool,
+    /// The inputs that are left out.
+    pub absent: BTreeSet<String>,
+    pub pins: Arc<Pins>,
+    /// The last expansion, without this.
+    pub last: Mutex<Option<(Counts, Graph)>>,
 }

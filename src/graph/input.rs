@@ -10,13 +10,11 @@ use maquette_syntax::{Tree, nearest_or_all, with_article};
 use maquette_value::{AnyValue, ValueType};
 use serde_json::json;
 
-use super::check::{first, judged};
-use super::draft::Draft;
-use super::lineage::Lineage;
-use super::node::Built;
 use super::recipe::Recipe;
-use super::{Graph, GraphOutput, Options, Shape};
+use super::{Graph, GraphOutput, Shape};
 use crate::catalog::Catalog;
+use crate::definition::{Built, Draft};
+use crate::flat::Lineage;
 
 /// Values for the inputs of a graph, by their names.
 pub type InputValues = BTreeMap<String, AnyValue>;
@@ -57,27 +55,6 @@ impl GraphInput {
             fields.find(|field| field.name.text == "doc").and_then(|field| field.value.text());
         let (name, doc) = (draft.name.text.clone(), doc.unwrap_or_default().to_owned());
         Self { name, kind, doc, optional: draft.is_optional, node }
-    }
-}
-
-/// The text of a graph, of which another graph is made where inputs are left out.
-pub(super) struct GraphText {
-    pub(super) path: PathBuf,
-    pub(super) text: String,
-    pub(super) options: Options,
-}
-
-impl GraphText {
-    /// The graph without these inputs.
-    fn graph_without(
-        &self,
-        inputs: BTreeSet<String>,
-        catalog: &Catalog,
-    ) -> Result<Graph, Vec<Problem>> {
-        let (mut world, whole) = first(&self.path, self.text.clone(), catalog, &self.options);
-        world.absent = inputs;
-        let checked = judged(world, whole.map(Arc::new));
-        checked.graph.or(checked.partial).ok_or(checked.problems)
     }
 }
 

@@ -1,25 +1,13 @@
 //! Which values from outside may shape an output: those that are named by what it hangs on, `Switch`es included.
 
 use maquette_syntax::{Body, Kind, Tree, parse};
-use serde_json::Value as Json;
 
 use super::Options;
-use super::draft::Draft;
 use super::expression::named_parameters;
 use super::needs::Needs;
 use super::parameters::Parameters;
-use super::repeat::Repeat;
-
-/// The values from outside that may shape an output.
-#[derive(Debug, Default)]
-pub struct Lineage {
-    /// Whether each `Draft(..)` stands for its draft.
-    pub draft: bool,
-    /// Names of parameters, in the order of the file.
-    pub parameters: Vec<String>,
-    /// Values of nodes' fields from `--set`.
-    pub set: Vec<(String, Json)>,
-}
+use crate::definition::{Draft, Repeat};
+use crate::flat::Lineage;
 
 impl Lineage {
     /// What shapes the draft at this place.

@@ -8,10 +8,9 @@ use maquette_syntax::{FoundLink, Help, any_of, nearest_or_all, with_article};
 use maquette_value::ValueType;
 
 use super::check::Check;
-use super::draft::{Draft, What};
-use super::each::Each;
 use super::needs::Needs;
 use super::top::name_of;
+use crate::definition::{Draft, Each, What};
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.
 const MOST_LINKS: usize = 64;

@@ -5,8 +5,8 @@ use maquette_syntax::error::{MOST_TOLD, Span};
 use maquette_value::ValueType;
 
 use super::check::Check;
-use super::draft::{Draft, What};
 use super::needs::Needs;
+use crate::definition::{Draft, What};
 
 /// What stands at a span becomes the text.
 type Edit = (Span, String);

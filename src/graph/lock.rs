@@ -11,13 +11,13 @@ use std::sync::Arc;
 
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
 use maquette_syntax::{Kind, Tree, parse, syntax_problems};
-use maquette_value::Hash;
-use maquette_value::plain;
+use maquette_value::{Hash, plain};
 
-use super::check::{first, folder_of};
-use super::definition::World;
 use super::{Difference, Graph, Options};
 use crate::catalog::Catalog;
+use crate::load::first;
+use crate::options::folder_of;
+use crate::world::World;
 
 /// The ending of lock files.
 pub const ENDING: &str = "lock.ron";

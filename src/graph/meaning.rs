@@ -21,6 +21,7 @@ use super::parameters::is_computed;
 use super::quality::{draft_of, is_draft};
 use super::repeat::MOST;
 use crate::catalog::{Catalog, Entry};
+use crate::tree::{entries, show};
 
 /// The fields of a graph that say nothing if there is nothing in them.
 pub const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
@@ -136,18 +137,6 @@ impl Meaning {
         });
         Self { rest, sections }
     }
-}
-
-pub fn entries<'t>(
-    fields: &'t [Field],
-    section: &str,
-) -> impl Iterator<Item = (&'t str, &'t Tree)> {
-    let maps = fields.iter().filter(move |field| field.name.text == section);
-    let entries = maps.filter_map(|field| match &field.value.kind {
-        Kind::Map(entries) => Some(entries),
-        _ => None,
-    });
-    entries.flatten().filter_map(|(key, value)| Some((key.text()?, value)))
 }
 
 /// What a declaration says; an empty description says nothing.
@@ -517,37 +506,6 @@ fn renamed_words(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
 /// The name that a link begins with: `eyes` of `eyes.range` and of `eyes/1.range`.
 pub fn named_node(link: &str) -> &str {
     link.split(['.', '/']).next().unwrap_or_default()
-}
-
-/// The value on one line, as a file would have it.
-pub fn show(tree: &Tree) -> String {
-    let all = |items: &[Tree]| Vec::from_iter(items.iter().map(show)).join(", ");
-    match &tree.kind {
-        Kind::Number { value, .. } if value.abs() < 1e-4 && *value != 0.0 => format!("{value:e}"),
-        Kind::Number { value, .. } => value.to_string(),
-        Kind::Bool(value) => value.to_string(),
-        Kind::Text(text) => format!("{text:?}"),
-        Kind::Word(word) => word.clone(),
-        Kind::List(items) => format!("[{}]", all(items)),
-        Kind::Map(entries) => {
-            let entry = |(key, value): &(Tree, Tree)| format!("{}: {}", show(key), show(value));
-            format!("{{ {} }}", Vec::from_iter(entries.iter().map(entry)).join(", "))
-        }
-        Kind::Call { name, body } => {
-            let name = name.as_ref().map_or("", |name| &name.text);
-            let body = match body {
-                Body::Empty => String::new(),
-                Body::Items(items) => all(items),
-                Body::Fields(fields) => {
-                    let field =
-                        |field: &Field| format!("{}: {}", field.name.text, show(&field.value));
-                    Vec::from_iter(fields.iter().map(field)).join(", ")
-                }
-            };
-            format!("{name}({body})")
-        }
-        Kind::Broken => "?".into(),
-    }
 }
 
 /// Whether a value holds nothing.

@@ -8,13 +8,13 @@ use std::sync::Arc;
 
 use maquette_node::pack::{Migration, NewValue};
 use maquette_syntax::error::{Problem, Source, Span, code};
-use maquette_syntax::quoted;
-use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
+use maquette_syntax::{
+    Body, Field, Finding, Help, Kind, Name, Tree, parse, quoted, syntax_problems,
+};
 
 use super::patch::patched_tree;
 use super::quality::{each_side, is_draft};
-use super::{Files, Graph, Options};
-use super::{Splice, added, apply, without};
+use super::{Files, Graph, Options, Splice, added, apply, without};
 use crate::catalog::Catalog;
 
 mod puts;

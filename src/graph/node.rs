@@ -14,33 +14,14 @@ use maquette_syntax::{
 
 use super::check::Check;
 use super::definition::Used;
-use super::draft::{Draft, What};
-use super::each::Each;
 use super::migrate::{Renewed, kind_of, renewed_put};
 use super::parameters::{Parameters, read_set};
 use super::quality::{has_draft, is_draft, is_side};
 use super::recipe::Recipe;
-use super::{Files, ReadFile};
-use super::{Refusal, unreachable_part};
+use super::{Files, ReadFile, Refusal, unreachable_part};
 use crate::catalog::Entry;
+use crate::definition::{Built, Draft, Each, Survey, What};
 use crate::files::NodeFile;
-
-/// A node's fields, looked at: the values that they have, and the links and files among them.
-pub(super) struct Survey {
-    pub(super) tree: Tree,
-    pub(super) links: Vec<FoundLink>,
-    pub(super) files: Vec<FoundFile>,
-}
-
-/// A built-in node, ready to be put into a graph.
-#[derive(Clone)]
-pub(super) struct Built {
-    pub(super) node: Arc<dyn AnyNode>,
-    pub(super) pack: &'static str,
-    pub(super) recipe: Arc<Recipe>,
-    pub(super) files: Vec<NodeFile>,
-    pub(super) tree: Arc<Tree>,
-}
 
 impl Check<'_, '_> {
     /// Finds the problems of a node's fields with these values of parameters; what a `Draft` does not stand for now must be right, too.

@@ -12,9 +12,9 @@ use maquette_value::plain::ending;
 
 use super::check::Check;
 use super::definition::Port;
-use super::draft::Draft;
 use super::link::Names;
 use super::{GraphOutput, is_name};
+use crate::definition::Draft;
 
 impl Check<'_, '_> {
     /// The files that a graph gives, and those of which it is not known what they hold.

@@ -13,11 +13,13 @@ use maquette_syntax::{
     Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, fields_twice, nearest_or_all, twice,
 };
 
-use super::Options;
-use super::check::{Check, first, folder_of};
+use super::check::Check;
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
-use super::{Splice, place, written};
+use super::{Options, Splice, place, written};
 use crate::catalog::Catalog;
+use crate::load::first;
+use crate::options::folder_of;
+use crate::tree::is_patch;
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -246,11 +248,6 @@ impl Check<'_, '_> {
         let (folder, named_folder) = (sheet.folder.clone(), own.folder.clone());
         Some(Arc::new(Sheet { source: Arc::new(source), folder, named_folder, parts }))
     }
-}
-
-/// Whether a file holds `Patch(..)`.
-pub fn is_patch(tree: &Tree) -> bool {
-    tree.name().is_some_and(|name| name.text == "Patch")
 }
 
 /// What stands twice in a patch, where each name stands once. In a value the check of the patched graph finds it.

@@ -4,9 +4,9 @@ use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, DEEPEST, Field, Kind, Tree, nearest_or_all, parse, unit_names};
 
 use super::splice::{Splice, added, put_entry};
-use crate::patch::is_patch;
 use crate::quality;
 use crate::quality::{is_draft, is_side};
+use crate::tree::is_patch;
 
 /// Why a value cannot be put where it should be.
 pub struct Refusal {

@@ -7,8 +7,8 @@ use maquette_value::ValueType;
 use super::check::Check;
 use super::definition::{Definition, Port};
 use super::expectation::Expectation;
-use super::expected::Expecting;
 use super::top::TopLevel;
+use crate::definition::Expecting;
 
 impl Definition {
     /// Its outputs and the properties that it promises of them.

@@ -1,13 +1,7 @@
 //! `Draft(final: 4, draft: 1)`: a value for final results, and one for a first look.
 
-use std::collections::HashMap;
-
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, nearest_or_all, parse};
-
-use super::Graph;
-use super::diff::joined;
-use super::meaning::{entries, show};
+use maquette_syntax::{Body, Field, Finding, Help, Kind, Name, Tree, nearest_or_all};
 
 /// The fields of a `Draft`: of final runs, and of drafts.
 const SIDES: [&str; 2] = ["final", "draft"];
@@ -50,53 +44,6 @@ pub fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
     let wanted = SIDES[usize::from(draft)];
     let found = tree.fields()?.iter().find(|field| field.name.text == wanted);
     found.map(|field| &field.value)
-}
-
-/// A `Draft(..)` that stands in a field of a node, as text.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DraftField {
-    /// The way there: `select.distance`.
-    pub field: String,
-    /// What final results have, and what drafts have.
-    pub sides: [String; 2],
-}
-
-impl Graph {
-    /// The drafts in the fields of the nodes of its own file, by the nodes' names.
-    pub fn draft_fields(&self) -> HashMap<String, Vec<DraftField>> {
-        let (tree, _) = parse(&self.source.text);
-        let nodes = entries(tree.fields().unwrap_or_default(), "nodes");
-        let found = nodes.map(|(name, node)| {
-            let mut found = Vec::new();
-            collect(node, "", &mut found);
-            (name.to_owned(), found)
-        });
-        found.filter(|(_, found)| !found.is_empty()).collect()
-    }
-}
-
-/// The drafts in a value, to which this way leads.
-fn collect(tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
-    if is_draft(tree) {
-        let text = |draft| side(tree, draft).map_or(String::new(), show);
-        found.push(DraftField { field: path.to_owned(), sides: [text(false), text(true)] });
-        return;
-    }
-    let mut inside = |step: &str, tree: &Tree| collect(tree, &joined(path, step), found);
-    match &tree.kind {
-        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-            items.iter().enumerate().for_each(|(index, item)| inside(&index.to_string(), item));
-        }
-        Kind::Call { body: Body::Fields(fields), .. } => {
-            fields.iter().for_each(|field| inside(&field.name.text, &field.value));
-        }
-        Kind::Map(entries) => {
-            for (key, value) in entries {
-                inside(key.text().unwrap_or_default(), value);
-            }
-        }
-        _ => {}
-    }
 }
 
 /// The `Draft` with each of its values replaced.

@@ -6,15 +6,14 @@ use std::sync::Arc;
 
 use maquette_syntax::error::Span;
 use maquette_syntax::paths::{path_between, without_dots};
-use maquette_syntax::quoted;
-use maquette_syntax::{Origin, Tree, Walk, parse};
+use maquette_syntax::{Origin, Tree, Walk, parse, quoted};
 
 use super::definition::Definition;
-use super::draft::{Draft, What};
-use super::meaning::entries;
 use super::quality::side;
 use super::top::name_of;
 use super::{Splice, apply, field};
+use crate::definition::{Draft, What};
+use crate::tree::entries;
 
 /// A path that is relative to one folder, relative to another one.
 fn rebased(given: &str, from: &Path, to: &Path) -> String {

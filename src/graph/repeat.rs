@@ -8,63 +8,15 @@ use maquette_syntax::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
 use super::check::Check;
 use super::definition::Used;
-use super::draft::{Draft, What, link_of};
+use super::draft::link_of;
 use super::each::{Over, Repeated, numbered};
 use super::parameters::Parameters;
 use super::top::name_of;
 use crate::catalog::PortDescription;
+use crate::definition::{Counted, Draft, Elements, Pick, Repeat, What};
 
 /// A `ForEach` has no more elements than this, unless it says so.
 pub(super) const MOST: usize = 10_000;
-
-/// How a draft is repeated whose number is no matter of its file.
-pub(super) struct Repeat {
-    pub(super) count: Counted,
-    /// The parameter that gets the element's number, from 1.
-    pub(super) number: Option<Name>,
-    /// What each element takes from the one before, and what the first one takes instead.
-    pub(super) carry: Vec<(String, Tree)>,
-    pub(super) most: Option<Tree>,
-}
-
-impl Repeat {
-    /// What says how many elements there are, and may be, if numbers do.
-    pub(super) fn numbers(&self) -> impl Iterator<Item = &Tree> {
-        let count = match &self.count {
-            Counted::Number(count) => Some(count),
-            Counted::Data(..) => None,
-        };
-        count.into_iter().chain(&self.most)
-    }
-}
-
-/// What says how many there are.
-pub(super) enum Counted {
-    /// A number.
-    Number(Tree),
-    /// The draft of the elements of a value, and the port that takes each.
-    Data(usize, String),
-}
-
-/// The elements of a value, for a `ForEach`.
-pub struct Elements {
-    /// Which ones, if a word says so.
-    pub(super) word: String,
-    /// The `ForEach`.
-    pub(super) each: String,
-    pub(super) most: Option<Tree>,
-}
-
-/// One element of a `ForEach` whose number is known late.
-pub struct Pick {
-    /// The draft that is repeated.
-    pub(super) of: usize,
-    /// Which one, from 1.
-    pub(super) number: usize,
-    /// What it is: its type and outputs.
-    pub(super) kind: String,
-    pub(super) outputs: Vec<String>,
-}
 
 impl Check<'_, '_> {
     /// The draft of a `ForEach` whose number of elements is known late: one element stands for all. Before it comes that of the

@@ -3,8 +3,7 @@
 //! What is wrong with such a graph is known when it is read, with one example for all elements. How many there are is known when the
 //! value is: then the graph is expanded again, with these counts. Equal nodes have equal keys, so nothing is computed twice.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 
 use maquette_node::{AnyNode, Context, FilePath};
@@ -13,52 +12,14 @@ use maquette_syntax::error::{Error, Problem};
 use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
 use serde_json::json;
 
-use super::check::Whole;
-use super::definition::World;
+use super::Graph;
 use super::expand::expand;
-use super::node::Built;
-use super::pins::Pins;
 use super::recipe::Recipe;
-use super::repeat::Elements;
-use super::{Graph, Options};
 use crate::catalog::Catalog;
-
-/// How many elements each `ForEach` over data has, by its name, as far as that is known.
-pub type Counts = BTreeMap<String, Count>;
-
-/// What is known of the elements of a `ForEach`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Count {
-    /// So many.
-    Of(usize),
-    /// Nothing can be made of them, because of this.
-    Refused(String),
-}
-
-/// A `ForEach` over data in a flat graph.
-#[derive(Clone, Debug)]
-pub struct Loop {
-    /// Its name.
-    pub name: String,
-    /// The node that takes the data apart.
-    pub node: usize,
-    /// Whether the number of its elements is not known: the graph has one example.
-    pub is_open: bool,
-}
-
-/// All that a graph is expanded from again.
-pub(super) struct Stage {
-    whole: Arc<Whole>,
-    options: Options,
-    root: PathBuf,
-    /// Whether it has nodes of unknown types.
-    is_partial: bool,
-    /// The inputs that are left out.
-    absent: BTreeSet<String>,
-    pins: Arc<Pins>,
-    /// The last expansion, without this.
-    last: Mutex<Option<(Counts, Graph)>>,
-}
+use crate::definition::{Built, Elements, Whole};
+use crate::flat::{Count, Counts, Loop};
+use crate::graph::Stage;
+use crate::world::World;
 
 impl Stage {
     pub(super) fn new(whole: Arc<Whole>, is_partial: bool, world: &World<'_>) -> Self {

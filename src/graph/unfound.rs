@@ -6,9 +6,9 @@ use maquette_syntax::{Help, nearest_or_all, unknown};
 use super::Graph;
 use super::check::Check;
 use super::definition::Definition;
-use super::draft::{Draft, What};
 use super::each::element_name;
 use super::link::{Named, Names};
+use crate::definition::{Draft, What};
 
 impl Check<'_, '_> {
     /// What is wrong with a link to a node whose name has a `/` in it, and what to do; none if nothing of it is known.

@@ -10,8 +10,8 @@ use serde_json::json;
 
 use super::Checked;
 use super::check::Check;
-use super::node::Built;
 use super::recipe::Recipe;
+use crate::definition::Built;
 
 /// What stands for a node of an unknown type, with what the check tells of it.
 struct Unknown(Option<Problem>);

@@ -3,7 +3,7 @@
 use maquette_syntax::{resolve, variants};
 use serde_json::Value as Json;
 
-use super::{declaration, definition, each, expectation, expression, patch, top};
+use super::{declaration, each, expectation, expression, patch, subgraphs, top};
 
 /// A word of the language of graphs.
 pub struct Word {
@@ -44,7 +44,7 @@ pub fn words_of_fields(topic: &'static str, within: &str, schema: &Json) -> Vec<
 /// The words of graphs and patches.
 pub fn words() -> Vec<Word> {
     let mut words = words_in("graph", "Graph", top::FIELDS);
-    words.extend(words_in("graph", "inputs", definition::INPUT_FIELDS));
+    words.extend(words_in("graph", "inputs", subgraphs::INPUT_FIELDS));
     words.extend(words_in("params", "params", declaration::TYPES));
     for kind in declaration::TYPES {
         words.extend(words_in("params", kind, declaration::fields_of(kind).iter().copied()));

@@ -30,7 +30,7 @@ use super::last::Last;
 use super::library::Library;
 use super::place::{Columns, Lines, path_of};
 use super::project::Project;
-use super::*;
+use crate::{capabilities, checker, place};
 
 /// What the last evaluation found is looked up again after so long.
 pub const FRESH: Duration = Duration::from_secs(1);

@@ -15,27 +15,25 @@ pub mod provenance;
 pub mod reading;
 
 mod carry;
+mod context;
+mod file;
 mod kind;
 mod node;
 mod previous;
 mod terms;
 
-pub use carry::DOMAINS;
-pub use carry::{Carry, Fate};
-pub use kind::AnyNode;
-pub use kind::{NodeType, Output, node};
+pub use carry::{Carry, DOMAINS, Fate};
+pub use context::{CancelToken, Context, Memos, Progress};
+pub use file::{Companions, File, FilePath, ReadError};
+pub use kind::{AnyNode, NodeType, Output, node};
 pub use limit::{Estimate, Limit, TooMuch};
 pub use maquette_syntax::Reader;
 // What a pack names beside these.
 pub use maquette_syntax::error::{Cancelled, Error};
 pub use maquette_value::{AnyValue, ValueType, value_type};
-pub use node::{
-    CancelToken, Context, File, FilePath, In, Node, Outputs, PortType, Progress, ReadError,
-};
-pub use node::{Companions, Memos};
+pub use node::{In, Node, Outputs, PortType};
 pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
 pub use previous::Previous;
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
-pub use terms::{Promise, Want};
-pub use terms::{Source, Term};
+pub use terms::{Promise, Source, Term, Want};

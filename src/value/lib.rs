@@ -53,7 +53,6 @@ pub use control_net::{Chart, ControlNet, ControlNetError};
 pub use counts::counted;
 pub use curve::{Curve, CurveError, CurveFoot};
 pub use direction::{Direction, DirectionError};
-pub(crate) use elements::{Cut, ElementType};
 pub use elements::{Elements, NoElements};
 pub use encoding::{Bytes, Columns, Kept};
 pub use encoding::{DecodeError, Decoder, Encoder, hash_of};

@@ -4,10 +4,30 @@ use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 
-use super::*;
+use crate::control_net::ControlNet;
+use crate::curve::Curve;
+use crate::direction::Direction;
+use crate::elements::{Cut, ElementType, Elements};
+use crate::encoding::{Columns, DecodeError, Decoder, Encoder, Kept, hash_of};
+use crate::field::Field;
+use crate::handles::Handles;
+use crate::image::Image;
+use crate::knots::KnotVector;
+use crate::labels::Labels;
+use crate::layer::Layer;
+use crate::mask::Mask;
+use crate::mesh::Mesh;
+use crate::parts::{Parts, PartsError};
+use crate::points::Points;
+use crate::property::{Offence, Property};
+use crate::range::RangeImage;
+use crate::region::Region;
+use crate::surface::Surface;
+use crate::trace::Trace;
+use crate::{elements, encoding};
 
 /// The engine's own types.
-pub const TYPES: [&ValueType; 15] = [
+pub const TYPES: &[&ValueType] = &[
     value_type::<Mesh>(),
     value_type::<Surface>(),
     value_type::<RangeImage>(),

@@ -74,7 +74,7 @@ const KNOTS: [(&str, usize); 16] = [
     ("node", 2),
     ("format", 15),
     ("render", 2),
-    ("graph", 35),
+    ("graph", 4),
     ("edit", 3),
     ("remote", 2),
     ("engine", 18),

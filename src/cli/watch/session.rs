@@ -334,7 +334,7 @@ impl<'a> Session<'a> {
             Some(graph) => {
                 if is_whole || !self.was_whole {
                     self.view.graph(&graph);
-                    self.shown = Some(graph.shape.identity);
+                    self.shown = Some(graph.shape().identity);
                 }
                 self.was_whole |= is_whole;
                 self.view.checked(self.runs + 1, &problems);
@@ -448,7 +448,7 @@ impl<'a> Session<'a> {
 
     /// Whether pages show this graph, with as many elements as it has.
     fn is_shown(&self, graph: &Graph) -> bool {
-        self.shown == Some(graph.shape.identity)
+        self.shown == Some(graph.shape().identity)
     }
 
     /// Shows what somebody looks at, before all else of a run is done.
@@ -459,7 +459,7 @@ impl<'a> Session<'a> {
         let stays = self.was_whole && running.is_part;
         if let Some(graph) = sight.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
             self.view.graph(graph);
-            self.shown = Some(graph.shape.identity);
+            self.shown = Some(graph.shape().identity);
         }
         self.view.values(sight.run, running.purpose == Purpose::Drag, &sight.values);
     }

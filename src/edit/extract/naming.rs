@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use maquette_graph::Refusal;
-use maquette_graph::check::folder_of;
+use maquette_graph::options::folder_of;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::paths::{folder_of_new, path_between};
 use maquette_syntax::with_article;

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use maquette_graph::meaning::{plain, show};
+use maquette_graph::meaning::plain;
+use maquette_graph::tree::show;
 use maquette_graph::{opened, parts as places};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use maquette_graph::expression::named_parameters;
-use maquette_graph::meaning::entries;
+use maquette_graph::tree::entries;
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_graph::fitting::{declaration_in_own_unit, in_plain_numbers};
-use maquette_graph::meaning::entries;
+use maquette_graph::tree::entries;
 use maquette_graph::{Expectation, Files, Graph, Options};
 use maquette_syntax::{Body, Kind, Name, Tree, unit_names};
 

@@ -4,16 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_graph::Options;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::check::{Check, Whole, first};
-use maquette_graph::definition::{Definition, World};
-use maquette_graph::draft::{Draft, What};
+use maquette_graph::check::Check;
+use maquette_graph::definition::{Definition, Draft, What, Whole};
 use maquette_graph::expression::named_parameters;
-use maquette_graph::link;
+use maquette_graph::load::first;
 use maquette_graph::meaning::named_node;
 use maquette_graph::rebase::{files, rebased_at};
-use maquette_graph::{Splice, field};
+use maquette_graph::world::World;
+use maquette_graph::{Options, Splice, field, link};
 use maquette_syntax::error::{Problem, Span};
 use maquette_syntax::{Kind, Tree};
 

@@ -54,16 +54,16 @@ impl Computed {
     }
 
     fn by(graph: &Graph) -> Self {
-        let mut hashes: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
-        for node in graph.nodes.iter() {
+        let mut hashes: Vec<Hash> = Vec::with_capacity(graph.nodes().len());
+        for node in graph.nodes().iter() {
             hashes.push(hash_of(node, &hashes));
         }
         let value = |node: usize, output: usize| hash_of_value(hashes[node], output);
-        let files = graph.outputs.iter().map(|it| (it.name.clone(), value(it.node, it.output)));
-        let ports = graph.ports.iter().map(|it| (it.name.clone(), value(it.node, it.output)));
+        let files = graph.outputs().iter().map(|it| (it.name.clone(), value(it.node, it.output)));
+        let ports = graph.ports().iter().map(|it| (it.name.clone(), value(it.node, it.output)));
         let outputs = files.chain(ports).collect();
         let (mut expected, mut promised) = (Vec::new(), Vec::new());
-        for it in graph.expect.iter() {
+        for it in graph.expectations().iter() {
             let mut expectation = it.expectation.clone();
             expectation.values_mut().into_iter().for_each(String::clear);
             let values = it.values.iter().map(|target| target.map(|(node, at)| value(node, at)));

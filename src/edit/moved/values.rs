@@ -4,14 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use maquette_graph::expression::named_parameters;
 use maquette_graph::fitting::in_own_unit;
-use maquette_graph::meaning::show;
 use maquette_graph::migrate::kind_of;
 use maquette_graph::parameters::is_computed;
 use maquette_graph::quality::{is_draft, side};
+use maquette_graph::tree::show;
 use maquette_graph::{Refusal, Splice, apply};
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::quoted;
-use maquette_syntax::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse};
+use maquette_syntax::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse, quoted};
 
 use super::{Known, refusal};
 

@@ -5,8 +5,7 @@ use maquette_graph::place::{Found, field, find};
 use maquette_graph::splice::{Splice, added, apply, behind, parts, put_entry};
 use maquette_graph::top::field_of;
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::quoted;
-use maquette_syntax::{Kind, Tree, nearest_or_all, parse};
+use maquette_syntax::{Kind, Tree, nearest_or_all, parse, quoted};
 
 use super::{Gone, Structure, call_of, one, refusal};
 use crate::references::References;

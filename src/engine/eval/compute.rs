@@ -47,7 +47,7 @@ impl Run<'_> {
         key: Hash,
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Option<Option<Arc<Done>>> {
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         let start = Instant::now();
         self.set_ran(index, true);
         if !self.memory.has_put_aside(index) {
@@ -111,13 +111,13 @@ impl Run<'_> {
         inputs: &[Values],
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Result<Option<Estimate>, Error> {
-        let node = &self.graph.nodes[index].node;
+        let node = &self.graph.nodes()[index].node;
         Ok(self.within(index, inputs, files, |cx| Ok(node.estimate(cx)))?.0)
     }
 
     /// How many bytes of the node's inputs are held for it alone, because their nodes have no slot.
     fn unheld(&self, index: usize, inputs: &[Values]) -> u64 {
-        let links = self.graph.nodes[index].links.iter().map(|link| link.node);
+        let links = self.graph.nodes()[index].links.iter().map(|link| link.node);
         let sources = BTreeMap::from_iter(links.zip(inputs));
         let apart = sources.iter().filter(|(source, _)| self.slot(**source).is_none());
         apart.map(|(_, values)| size(values)).sum()
@@ -139,7 +139,7 @@ impl Run<'_> {
         {
             return None;
         }
-        let links = self.graph.nodes[index].links.iter().zip(&before.parts.inputs);
+        let links = self.graph.nodes()[index].links.iter().zip(&before.parts.inputs);
         let input = |(link, hash): (&Link, &Hash)| {
             let values = self.before(link.node)?.outcome.values()?;
             values.get(link.output).filter(|value| value.hash() == *hash).cloned()
@@ -173,7 +173,7 @@ impl Run<'_> {
         if self.cancel.is_cancelled() {
             return Err(Cancelled.into());
         }
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         lock(&self.under_way).insert(index);
         let done = self.within(index, inputs, files, |cx| {
             self.evaluator.guards.check(self.graph, node, cx.inputs)?;
@@ -191,7 +191,7 @@ impl Run<'_> {
         files: &BTreeMap<PathBuf, Option<File>>,
         work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
     ) -> Result<(R, Vec<String>), Error> {
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         let input = |(link, values): (&Link, &Values)| values[link.output].clone();
         let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
         let report = |share: f64| self.observer.progress(&node.name, share);
@@ -200,7 +200,7 @@ impl Run<'_> {
             files,
             progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
             memos: Some(&self.evaluator.cache),
-            readers: &self.graph.readers,
+            readers: self.graph.readers(),
             warnings: Mutex::default(),
         };
         let result = or_panic(|| work(&cx))?;
@@ -238,7 +238,7 @@ impl Run<'_> {
         let mut open = vec![index];
         while let Some(node) = open.pop() {
             lost.insert(node);
-            for source in self.graph.nodes[node].links.iter().map(|link| link.node) {
+            for source in self.graph.nodes()[node].links.iter().map(|link| link.node) {
                 if !lost.contains(&source) && !values.contains_key(&source) {
                     match self.kept(source) {
                         Some(kept) => drop(values.insert(source, kept)),
@@ -249,7 +249,7 @@ impl Run<'_> {
         }
         // Each node comes after those that it hangs on.
         for node in lost {
-            let links = self.graph.nodes[node].links.iter();
+            let links = self.graph.nodes()[node].links.iter();
             let inputs = Vec::from_iter(links.map(|link| values[&link.node].clone()));
             values.insert(node, self.compute_again(node, &inputs)?);
         }
@@ -258,7 +258,7 @@ impl Run<'_> {
 
     fn compute_again(&self, index: usize, inputs: &[Values]) -> Result<Values, Error> {
         let Some(done) = self.done(index) else { return Err(Cancelled.into()) };
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         self.observer.started(&node.name);
         let start = Instant::now();
         let files = match self.load(node, &done.parts)? {

@@ -249,7 +249,7 @@ impl World {
         let graph = checked.graph.ok_or_else(|| format!("the graph is refused: {problems:?}"))?;
         let roots = match wanted {
             _ if self.project.is_empty() => Vec::new(),
-            [] => Vec::from_iter(0..graph.nodes.len()),
+            [] => Vec::from_iter(0..graph.nodes().len()),
             picks => Vec::from_iter(
                 picks.iter().flat_map(|pick| graph.nodes_of(self.project.name(*pick))),
             ),
@@ -266,7 +266,7 @@ impl World {
         let foreseen = evaluator.foreseen(&graph, &roots);
         for root in &roots {
             let hash = foreseen.hash(*root, 0);
-            let (name, truth) = (&graph.nodes[*root].name, truths[*root].hash(0));
+            let (name, truth) = (&graph.nodes()[*root].name, truths[*root].hash(0));
             promise!(
                 hash.is_none() || hash == truth,
                 "`{name}` is said to be as it was, and is not"
@@ -301,8 +301,8 @@ impl World {
         let process = self.processes.last_mut().expect("there is always one");
         let disk = process.evaluator.disk().is_some();
         let last = process.last.get_or_insert_default();
-        last.retain(|name, _| graph.nodes.iter().any(|node| node.name == *name));
-        for (index, node) in graph.nodes.iter().enumerate() {
+        last.retain(|name, _| graph.nodes().iter().any(|node| node.name == *name));
+        for (index, node) in graph.nodes().iter().enumerate() {
             if let (Truth::Given { parts, .. }, Some(_)) =
                 (&truths[index], evaluation.hash(index, 0))
             {

@@ -73,7 +73,7 @@ impl Known {
             results[index] = done;
         }
         let mut found = Vec::from_iter(results.iter().map(Option::is_some));
-        let (name, shape) = (&graph.source.name, &graph.shape);
+        let (name, shape) = (&graph.source().name, graph.shape());
         if let Some(last) = last.filter(|last| last.graph == *name) {
             for (index, result) in results.iter_mut().enumerate().filter(|(_, it)| it.is_none()) {
                 *result = last.before(&shape.names[index], index).cloned();
@@ -111,7 +111,7 @@ impl Plan {
         roots: &[usize],
         values: &[usize],
     ) -> Self {
-        let wanted: Arc<[bool]> = graph.shape.needed_by(roots).into();
+        let wanted: Arc<[bool]> = graph.shape().needed_by(roots).into();
         let known = evaluator.known(graph, &wanted);
         let mut tasks = vec![Task::None; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
@@ -131,7 +131,7 @@ impl Plan {
                 tasks[index] = Task::Restore;
             }
             if tasks[index] != Task::None {
-                graph.shape.sources(index).for_each(|node| needed[node] = true);
+                graph.shape().sources(index).for_each(|node| needed[node] = true);
             }
         }
         let active = tasks.iter().filter(|task| **task != Task::None).count();
@@ -156,7 +156,7 @@ impl Evaluator {
         if self.nothing_changed(last, graph, wanted) {
             return Known::All(last.clone());
         }
-        let shape = &graph.shape;
+        let shape = graph.shape();
         let mut results: Vec<Option<Arc<Done>>> = vec![None; wanted.len()];
         // The nodes that are as they were in the last evaluation, and hang on such alone: there each was computed from what the others gave.
         let mut same = vec![false; wanted.len()];
@@ -183,8 +183,8 @@ impl Evaluator {
 
     /// The same graph, nothing wanted that the last evaluation did not find, and no other file: then everything is as it was.
     fn nothing_changed(&self, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> bool {
-        let same = last.shape == graph.shape.identity;
-        let mut readers = graph.shape.readers.iter().filter(|&&index| wanted[index]);
+        let same = last.shape == graph.shape().identity;
+        let mut readers = graph.shape().readers.iter().filter(|&&index| wanted[index]);
         same && wanted.iter().zip(&last.found).all(|(wanted, found)| found | !wanted)
             && readers.all(|&index| {
                 last.current(index).is_some_and(|done| self.has_files(&done.parts, graph, index))
@@ -199,7 +199,7 @@ impl Evaluator {
         index: usize,
         results: &[Option<Arc<Done>>],
     ) -> bool {
-        let node = &graph.nodes[index];
+        let node = &graph.nodes()[index];
         let inputs = node.links.iter().map(|link| {
             let outputs = &results[link.node].as_ref()?.outcome.outputs;
             outputs.get(link.output).map(|(_, hash)| *hash)
@@ -211,7 +211,7 @@ impl Evaluator {
 
     /// Whether a node's files are known, without reading them, to be these.
     fn has_files(&self, parts: &Parts, graph: &Graph, index: usize) -> bool {
-        let files = graph.nodes[index].files.iter();
+        let files = graph.nodes()[index].files.iter();
         files.map(|file| self.files.look(&file.path)).eq(parts.files.iter().map(|hash| Some(*hash)))
     }
 

@@ -117,7 +117,7 @@ impl<'a> Run<'a> {
             for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
                 places[node] = slots.len() as u32;
                 // Each node comes after those that it hangs on, so their slots are there.
-                let links = graph.shape.sources(node).map(|source| places[source]);
+                let links = graph.shape().sources(node).map(|source| places[source]);
                 let mut waiting = 0;
                 for place in links.filter(|&place| place != NOWHERE) {
                     *slots[place as usize].users.get_mut() += 1;
@@ -133,7 +133,7 @@ impl<'a> Run<'a> {
             observer,
             cancel,
             start: Instant::now(),
-            files: Reads::new(&evaluator.files, &graph.readers),
+            files: Reads::new(&evaluator.files, graph.readers()),
             places,
             slots,
             news: Mutex::default(),
@@ -178,7 +178,7 @@ impl<'a> Run<'a> {
                 let _ = slot.done.set(done);
             }
             self.let_go(index);
-            let users = self.graph.shape.users(index);
+            let users = self.graph.shape().users(index);
             for user in users.filter_map(|user| self.slot(user)) {
                 if user.waiting.fetch_sub(1, Ordering::AcqRel) == 1 {
                     ready.push(user.node);
@@ -196,7 +196,7 @@ impl<'a> Run<'a> {
 
     /// Drops the values that only this node still needed.
     fn let_go(&self, index: usize) {
-        let links = self.graph.nodes[index].links.iter();
+        let links = self.graph.nodes()[index].links.iter();
         for slot in links.filter_map(|link| self.slot(link.node)) {
             if slot.users.fetch_sub(1, Ordering::AcqRel) == 1
                 && let Some(values) = lock(&slot.held).take()
@@ -234,7 +234,7 @@ impl<'a> Run<'a> {
 
     /// Says that a node was computed, and whether its result is new.
     pub(super) fn set_new(&self, index: usize, is_new: bool) {
-        let is_new = is_new || self.is_new_above(&self.graph.nodes[index]);
+        let is_new = is_new || self.is_new_above(&self.graph.nodes()[index]);
         if let Some(slot) = self.slot(index) {
             slot.is_new.store(is_new, Ordering::Release);
         }
@@ -252,15 +252,15 @@ impl<'a> Run<'a> {
 
     /// The node's last result, if an evaluation of this graph gave it.
     pub(super) fn before(&self, index: usize) -> Option<&Arc<Done>> {
-        let name = &self.graph.shape.names[index];
+        let name = &self.graph.shape().names[index];
         let last = self.evaluator.last.as_ref();
-        last.filter(|last| last.graph == self.graph.source.name)?.before(name, index)
+        last.filter(|last| last.graph == self.graph.source().name)?.before(name, index)
     }
 
     /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself, for one of the same key or
     /// for memory.
     fn node(&self, index: usize) -> Option<(Option<Arc<Done>>, Vec<usize>)> {
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         let ran_above = node.links.iter().any(|link| self.ran(link.node));
         self.set_ran(index, ran_above);
         if let Some(failed) = node.links.iter().find(|link| self.done(link.node).is_none()) {
@@ -344,7 +344,7 @@ impl<'a> Run<'a> {
 
     /// What another machine has found, if it may have looked for it. So where there is nothing, only what hangs on nothing is asked for.
     fn fetch(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         let asks = self.plan.tasks[index] == Task::Look
             && node.kind() != ELEMENTS
             && !self.is_new_above(node)
@@ -357,7 +357,7 @@ impl<'a> Run<'a> {
     }
 
     pub(super) fn tell(&self, news: News) {
-        self.observer.finished(&self.graph.nodes[news.index].name, news.state, news.seconds);
+        self.observer.finished(&self.graph.nodes()[news.index].name, news.state, news.seconds);
         lock(&self.news).push(news);
     }
 

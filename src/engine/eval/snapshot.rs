@@ -47,7 +47,7 @@ impl Snapshot {
     /// The same, if the graph has the node at the same place, of the same recipe and links.
     pub(super) fn same(&self, graph: &Graph, index: usize) -> Option<&Arc<Done>> {
         let identity = self.identities.get(index)?;
-        self.current(index).filter(|_| *identity == graph.shape.identities[index])
+        self.current(index).filter(|_| *identity == graph.shape().identities[index])
     }
 
     /// Puts results on disk that were made while nothing was to be put there.
@@ -72,7 +72,7 @@ impl Snapshot {
     /// apart yet, knows no less of them.
     pub(super) fn elements(&self, graph: &Graph) -> impl Iterator<Item = (String, Arc<Done>)> {
         let is_open = graph.loops().iter().any(|it| it.is_open);
-        let names = is_open.then(|| HashSet::<&String>::from_iter(graph.shape.names.iter()));
+        let names = is_open.then(|| HashSet::<&String>::from_iter(graph.shape().names.iter()));
         let is_kept = move |name: &String| {
             names.as_ref().is_some_and(|names| !names.contains(name))
                 && graph.open_loop(name).is_some()

@@ -59,7 +59,7 @@ impl Evaluator {
         let ends = roots.iter().map(end).collect();
         let happened = |news: &News| !matches!(news.state, State::Failed | State::Skipped);
         for news in found.news.into_iter().filter(happened) {
-            let name = graph.nodes[news.index].name.clone();
+            let name = graph.nodes()[news.index].name.clone();
             // What was computed on the way is not told as found in the cache.
             let before = self.staged.get(&name).is_none_or(|old| old.state != State::Computed);
             if before {
@@ -78,7 +78,7 @@ impl Evaluation {
         }
         let is_new = |news: &News| news.state != State::Cached;
         let mut told = std::mem::take(&mut self.news).into_iter().peekable();
-        for (index, name) in graph.shape.names.iter().enumerate().filter(|it| self.wanted[it.0]) {
+        for (index, name) in graph.shape().names.iter().enumerate().filter(|it| self.wanted[it.0]) {
             let own = told.next_if(|news| news.index == index);
             let before = staged.remove(name).map(|news| News { index, ..news });
             let news = match own {

@@ -39,7 +39,7 @@ impl Run<'_> {
             let stubborn = lock(&self.under_way).clone();
             for index in stubborn {
                 if told.insert(index) {
-                    let node = &self.graph.nodes[index];
+                    let node = &self.graph.nodes()[index];
                     self.observer.does_not_stop(&node.name, node.kind(), node.pack);
                 }
             }

@@ -59,11 +59,11 @@ impl Evaluator {
     pub(crate) fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
         // Another process may have evaluated it since.
         self.last = None;
-        let all = Vec::from_iter(0..graph.nodes.len());
+        let all = Vec::from_iter(0..graph.nodes().len());
         let forecasts = self.forecast(graph, &all, &[]);
         let Some(last) = self.last.clone() else { return vec![None; all.len()] };
         let remembered = |forecast: &Forecast| {
-            let done = last.before(&graph.nodes[forecast.index].name, forecast.index)?;
+            let done = last.before(&graph.nodes()[forecast.index].name, forecast.index)?;
             let outcome = &done.outcome;
             Some(Remembered {
                 shapes: outcome.shapes.to_vec(),
@@ -94,7 +94,7 @@ impl Evaluator {
             Some(done) if done.outcome.seconds <= WORTH_A_FILE => Reason::Cheap,
             _ => Reason::Lost,
         };
-        let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);
+        let wanted = (0..graph.nodes().len()).filter(|&index| plan.wanted[index]);
         let mut told = Vec::new();
         for index in wanted {
             let (outlook, reason) = match plan.tasks[index] {
@@ -120,7 +120,7 @@ fn told_of(told: &[Forecast], index: usize) -> Option<&Forecast> {
 /// The first of a node's inputs that there will not be.
 fn failing(graph: &Graph, index: usize, told: &[Forecast]) -> Option<usize> {
     let is_missing = |it: &Forecast| matches!(it.outlook, Outlook::Fails | Outlook::Skipped);
-    let mut links = graph.nodes[index].links.iter().map(|link| link.node);
+    let mut links = graph.nodes()[index].links.iter().map(|link| link.node);
     links.find(|&link| told_of(told, link).is_some_and(is_missing))
 }
 
@@ -128,7 +128,7 @@ impl Run<'_> {
     /// What would become of a node that must be looked at; those that it hangs on have been asked about before. A node that
     /// would not run has its result from then on.
     fn forecast(&self, index: usize) -> (Outlook, Reason) {
-        let node = &self.graph.nodes[index];
+        let node = &self.graph.nodes()[index];
         if let Some(why) = node.node.lacks() {
             return (Outlook::Fails, Reason::Error(why));
         }
@@ -168,8 +168,8 @@ impl Run<'_> {
 /// Why a node would run, or why not, back to what was changed; `forecasts` has it and what it hangs on.
 pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
     let Some(forecast) = told_of(forecasts, node) else { return String::new() };
-    let (name, reason) = (&graph.nodes[node].name, forecast.reason_in(graph));
-    if graph.nodes[node].kind() == PINNED {
+    let (name, reason) = (&graph.nodes()[node].name, forecast.reason_in(graph));
+    if graph.nodes()[node].kind() == PINNED {
         return format!("`{name}` does not run: its result is pinned\n");
     }
     match forecast.outlook {
@@ -181,7 +181,7 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
                 let Some(above) = told_of(forecasts, above) else { break };
                 cause = above;
             }
-            let (above, reason) = (&graph.nodes[cause.index].name, cause.reason_in(graph));
+            let (above, reason) = (&graph.nodes()[cause.index].name, cause.reason_in(graph));
             format!("`{name}` is skipped: it hangs on `{above}`, which cannot run: {reason}\n")
         }
         Outlook::Runs => format!("`{name}` runs: {reason}\n"),
@@ -189,7 +189,7 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
             let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
             let is_cause = |it: &&Forecast| matches!(it.outlook, Outlook::Runs | Outlook::Fails);
             for cause in forecasts.iter().filter(is_cause) {
-                let (name, word) = (&graph.nodes[cause.index].name, cause.word());
+                let (name, word) = (&graph.nodes()[cause.index].name, cause.word());
                 let _ = writeln!(text, "  `{name}` {word}: {}", cause.reason_in(graph));
             }
             text
@@ -211,8 +211,8 @@ impl Forecast {
 
     /// The reason in words, and where in the graph file a changed parameter stands.
     pub fn reason_in(&self, graph: &Graph) -> String {
-        let node = &graph.nodes[self.index];
-        let text = self.reason.in_words(node, &graph.nodes);
+        let node = &graph.nodes()[self.index];
+        let text = self.reason.in_words(node, graph.nodes());
         let place = match &self.reason {
             Reason::Changed(change) | Reason::Before(change) => match change {
                 Change::Parameter { path, .. } => Some(node.place_of(path)),

@@ -26,7 +26,7 @@ impl Session {
         cancel: &CancelToken,
     ) -> Graph {
         let needed = |graph: &Graph| {
-            let needed = graph.shape.needed_by(&wanted(graph));
+            let needed = graph.shape().needed_by(&wanted(graph));
             let loops = graph.loops().iter().filter(|it| needed[it.node]).cloned();
             Vec::<Loop>::from_iter(loops)
         };
@@ -125,7 +125,7 @@ impl Session {
 
     /// What was found last of the graph in this file, in this process or another one.
     fn counts(&self, graph: &Graph) -> Counts {
-        let file = &graph.source.name;
+        let file = &graph.source().name;
         let noted = || {
             let note = self.note(&file.with_extension("elements"))?;
             let counts: BTreeMap<String, usize> = serde_json::from_slice(&note).ok()?;
@@ -135,7 +135,7 @@ impl Session {
     }
 
     fn keep_counts(&mut self, graph: &Graph, counts: Counts) {
-        let file = &graph.source.name;
+        let file = &graph.source().name;
         if self.known.get(file) == Some(&counts) {
             return;
         }
@@ -158,7 +158,7 @@ const MOST_GUESSED: usize = 10_000;
 /// several use. If it is so, a chain of them takes no more rounds than one of them.
 fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Counts) -> Counts {
     let place = |it: &Loop| {
-        let node = &graph.nodes[it.node];
+        let node = &graph.nodes()[it.node];
         (Arc::as_ptr(&node.sheet), node.span)
     };
     let found = BTreeMap::from_iter(found.iter().map(|&(it, count)| (place(it), count)));
@@ -174,7 +174,7 @@ fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Count
 
 /// The nodes that are wanted, as far as the graph has them by now.
 pub(super) fn wanted_nodes(graph: &Graph, wanted: &Wanted) -> Vec<usize> {
-    let outputs = || graph.outputs.iter().map(|output| output.node);
+    let outputs = || graph.outputs().iter().map(|output| output.node);
     let meant = |names: &[String]| -> Vec<usize> {
         names.iter().flat_map(|name| graph.meant(name)).collect()
     };
@@ -182,7 +182,7 @@ pub(super) fn wanted_nodes(graph: &Graph, wanted: &Wanted) -> Vec<usize> {
         Wanted::Outputs => judged_too(graph, outputs().collect()),
         Wanted::OutputsAnd(names) => judged_too(graph, outputs().chain(meant(names)).collect()),
         Wanted::Named(names) | Wanted::Nodes(names) => meant(names),
-        Wanted::Everything => (0..graph.nodes.len()).collect(),
+        Wanted::Everything => (0..graph.nodes().len()).collect(),
     }
 }
 

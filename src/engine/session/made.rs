@@ -39,7 +39,7 @@ impl Session {
             Some(folder) if folder != Path::new("") => folder.to_owned(),
             _ => PathBuf::from("."),
         };
-        let root = project_root(&folder(&graph.source.name));
+        let root = project_root(&folder(&graph.source().name));
         let input = |(_, path): &(String, PathBuf)| NodeFile {
             given: path.display().to_string(),
             path: path.clone(),
@@ -48,8 +48,8 @@ impl Session {
         };
         let inputs = Vec::from_iter(inputs.iter().map(input));
         let known = self.evaluator.known_files();
-        let reads = Reads::new(known, &graph.readers);
-        let all = graph.nodes.iter().flat_map(|node| &node.files).chain(&inputs);
+        let reads = Reads::new(known, graph.readers());
+        let all = graph.nodes().iter().flat_map(|node| &node.files).chain(&inputs);
         let mut files = ReadFiles::default();
         for file in all.clone() {
             files.by_name.insert(within(&root, &file.path), reads.hash(file).ok()?);
@@ -61,7 +61,7 @@ impl Session {
     /// The hash of what a graph computes and expects, whatever is in the files that it reads.
     pub fn made_of(&self, graph: &Graph) -> Hash {
         let made = self.made_of_nodes(graph);
-        let files = graph.outputs.iter().map(|it| (&it.name[..], it.node, it.output));
+        let files = graph.outputs().iter().map(|it| (&it.name[..], it.node, it.output));
         let ports = graph.ports().iter().filter_map(|port| {
             let (node, output) = graph.value_named(&port.name)?;
             Some((&port.name[..], node, output))
@@ -70,7 +70,7 @@ impl Session {
         for (name, node, output) in files.chain(ports) {
             words += &format!("{name:?} {} {output}\n", made[node]);
         }
-        for expected in graph.expected(&Vec::from_iter(0..graph.nodes.len())) {
+        for expected in graph.expected(&Vec::from_iter(0..graph.nodes().len())) {
             let value = |at: &Option<(usize, usize)>| at.map(|(node, output)| (made[node], output));
             let values = Vec::from_iter(expected.values.iter().map(value));
             words += &format!("{:?} {values:?}\n", expected.expectation);

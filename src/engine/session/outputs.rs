@@ -312,7 +312,7 @@ impl OutputFolder {
         let path = |name: &str| self.folder_of(output).join(name);
         let is_other = |(name, _): &&(String, _)| {
             let of_other = |other: &GraphOutput| self.folder.join(&other.name) == path(name);
-            path(name) != self.folder.join(&output.name) && graph.outputs.iter().any(of_other)
+            path(name) != self.folder.join(&output.name) && graph.outputs().iter().any(of_other)
         };
         if let Some((name, _)) = files.iter().find(is_other) {
             let message = format!("`{}` also writes {name}, another output", output.name);

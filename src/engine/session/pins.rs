@@ -43,7 +43,7 @@ pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String
         let known = Vec::from_iter(graph.names());
         return Err(graph.unknown("node", name, "its nodes", &known));
     }
-    let of_kind = |kind| nodes.iter().any(|&node| graph.nodes[node].kind() == kind);
+    let of_kind = |kind| nodes.iter().any(|&node| graph.nodes()[node].kind() == kind);
     if of_kind(INPUT) {
         return Err(format!(
             "`{name}` is an input of the graph: what is given there is not computed"
@@ -52,7 +52,7 @@ pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String
     if of_kind(ELEMENTS) {
         return Err(format!("`{name}` is a part of data: pin the data"));
     }
-    Ok(nodes.into_iter().map(|node| &graph.nodes[node].name[..]).collect())
+    Ok(nodes.into_iter().map(|node| &graph.nodes()[node].name[..]).collect())
 }
 
 impl Finished {
@@ -61,7 +61,7 @@ impl Finished {
     /// # Errors
     /// If a value is not there, or a file cannot be written.
     pub fn pin(&self, graph: &Graph, names: &[&str]) -> Result<Vec<PathBuf>, PinError> {
-        let path = &graph.source.name;
+        let path = &graph.source().name;
         let _turn = Turn::beside(path)?;
         let mut pins = Pins::of(path)?;
         make_folder(&pins.folder)?;
@@ -73,7 +73,7 @@ impl Finished {
                 let message = format!("`{name}` gave nothing");
                 return Err(Box::new(graph.problem(code::FAILED, message)).into());
             };
-            let pin = Pin::new(&values, Ancestry::of(&graph.nodes, index, &graph.readers));
+            let pin = Pin::new(&values, Ancestry::of(graph.nodes(), index, graph.readers()));
             let file = pin.file(&pins.folder);
             Destination::folder(&pins.folder, &sources).write(&file, &bytes_of(&values))?;
             files.push(file);

@@ -23,10 +23,10 @@ pub struct Teller<'a> {
 
 impl<'a> Teller<'a> {
     pub(crate) fn new(graph: &'a Graph, catalog: &'a Catalog) -> Self {
-        let folder = folder_of_new(&graph.source.name);
+        let folder = folder_of_new(&graph.source().name);
         let root = project_root(&folder);
-        let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
-        for node in graph.nodes.iter() {
+        let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes().len());
+        for node in graph.nodes().iter() {
             // What is given at an input is told beside it.
             let mut content = match node.kind() {
                 INPUT => [INPUT, &node.name].concat().into_bytes(),
@@ -60,7 +60,7 @@ impl<'a> Teller<'a> {
         let Self { graph, catalog, root, made, .. } = self;
         let mut told = Provenance {
             maquette: env!("CARGO_PKG_VERSION").into(),
-            graph: within(root, &graph.source.name),
+            graph: within(root, &graph.source().name),
             output: output.name.clone(),
             draft: output.lineage.draft,
             set: output
@@ -72,13 +72,13 @@ impl<'a> Teller<'a> {
             ..Provenance::default()
         };
         for name in &output.lineage.parameters {
-            let declared = graph.schema["properties"].get(name);
+            let declared = graph.schema()["properties"].get(name);
             if let Some(value) = declared.and_then(|declared| declared.get("default")) {
                 told.parameters.insert(name.clone(), self.value(value));
             }
         }
-        let needed = graph.shape.needed_by(&[output.node]);
-        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| needed[*index]) {
+        let needed = graph.shape().needed_by(&[output.node]);
+        for (index, node) in graph.nodes().iter().enumerate().filter(|(index, _)| needed[*index]) {
             if node.kind() == PINNED {
                 let hash = short(&node.recipe.identity.to_string());
                 told.pins.insert(node.name.clone(), hash.into());

@@ -83,7 +83,7 @@ impl Session {
         if expected.is_empty() {
             return Default::default();
         }
-        let note = self.note(&graph.source.name.with_extension("verdicts"));
+        let note = self.note(&graph.source().name.with_extension("verdicts"));
         let held = note.and_then(|note| serde_json::from_slice(&note).ok()).unwrap_or_default();
         let verdicts = Verdicts { held, most: MOST + expected.len() };
         let known = self.evaluator.foreseen(graph, &expect::nodes_of(expected));
@@ -94,6 +94,6 @@ impl Session {
     /// Tells the next run, in this process or another one.
     pub(super) fn keep_verdicts(&self, graph: &Graph, verdicts: &Verdicts) {
         let note = || serde_json::to_vec(&verdicts.held).unwrap_or_default();
-        self.keep_note(&graph.source.name.with_extension("verdicts"), note);
+        self.keep_note(&graph.source().name.with_extension("verdicts"), note);
     }
 }

@@ -20,7 +20,7 @@ const NAMED: [usize; 2] = [0, 1];
 
 /// Checks what the node of an example declares, and that it declares something for each way that attributes may go.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
-    let (entry, node) = (case.entry, &case.graph.nodes[case.index]);
+    let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let declared = entry.carries();
     for port in &entry.ports() {
         for output in entry.outputs() {

@@ -8,7 +8,7 @@ use super::{inputs, made};
 
 /// Checks what the node of an example declares of cells. Ports that take several types get range images for it.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
-    let (entry, node) = (case.entry, &case.graph.nodes[case.index]);
+    let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let Some(good) = inputs(node, case.values) else { return };
     // What is shown to nodes that take meshes as well must have enough points to be moved, or to be a surface.
     let mut others = case.hostile.values(value_type::<RangeImage>().name);

@@ -40,7 +40,7 @@ pub(super) fn check(
     load: &dyn Fn(Vec<(String, String)>) -> Option<Graph>,
     broken: &mut Vec<String>,
 ) {
-    let node = &case.graph.nodes[case.index];
+    let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
     let numbers = numbers(&node.recipe.parameters, case.entry.schema());
     let mut tell = |set: &[(String, String)], inputs: Vec<AnyValue>| {
@@ -85,7 +85,7 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     std::thread::spawn(move || {
         let Some(index) = graph.find(&name) else { return };
         let progress = Progress { report: None, cancel: Some(&token) };
-        let work = || call(&graph.nodes[index], &inputs, progress);
+        let work = || call(&graph.nodes()[index], &inputs, progress);
         // Its loops would have to wait where others keep all common threads busy.
         let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
         // Nobody may be waiting any more.

@@ -33,7 +33,7 @@ pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) 
 
 /// The example's own inputs, and these with one after the other replaced by values that are hard to treat.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
-    let node = &case.graph.nodes[case.index];
+    let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
     judge(case, &good, "its example", broken);
     let ports = case.entry.ports();
@@ -50,7 +50,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
 
 /// What a node promises holds of what it makes of these inputs, if it may be run on them at all.
 fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<String>) {
-    let node = &case.graph.nodes[case.index];
+    let node = &case.graph.nodes()[case.index];
     let promises = node.node.promises();
     let has = |port: &str, property: &str| {
         let values = node.links.iter().zip(given).filter(|(link, _)| link.port == port);

@@ -20,7 +20,7 @@ pub(super) fn check(
     others: impl Iterator<Item = Graph>,
     broken: &mut Vec<String>,
 ) {
-    let node = &case.graph.nodes[case.index];
+    let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
     let mut tell = |why: String| broken.push(format!("{}: `update` {why}", case.entry.name));
     let ports = case.entry.ports();
@@ -37,7 +37,7 @@ pub(super) fn check(
     let normals = Vec::from_iter(good.iter().map(with_normals));
     for graph in others {
         for good in [&good, &normals] {
-            follows(&graph.nodes[case.index], good, &|_| Vec::new(), &mut tell);
+            follows(&graph.nodes()[case.index], good, &|_| Vec::new(), &mut tell);
         }
     }
 }

@@ -135,7 +135,7 @@ impl Job<'_> {
         case.violations.extend(finished.judged(&Vec::from_iter(&expectations)));
         // A golden whose output has no value belongs to that output.
         let compared: usize = case.outputs.iter().map(|output| output.files.len()).sum();
-        if compared == graph.outputs.len() {
+        if compared == graph.outputs().len() {
             case.orphans = self.orphans(&case.outputs);
         }
         case.notes = self.wide(&case.outputs);
@@ -190,12 +190,12 @@ impl Job<'_> {
         case: &mut Case,
     ) -> Vec<Compared> {
         let mut places: Vec<(usize, usize)> =
-            graph.outputs.iter().map(|o| (o.node, o.output)).collect();
+            graph.outputs().iter().map(|o| (o.node, o.output)).collect();
         places.sort_unstable();
         places.dedup();
         // A node inside of a use is named by the way to it; its golden is a file beside the others.
         let name_of = |(node, output): (usize, usize)| {
-            let (name, outputs) = (&graph.nodes[node].name, &graph.nodes[node].outputs);
+            let (name, outputs) = (&graph.nodes()[node].name, &graph.nodes()[node].outputs);
             let name = match outputs.len() {
                 1 => name.clone(),
                 _ => format!("{name}.{}", outputs[output]),
@@ -205,7 +205,7 @@ impl Job<'_> {
         let named = Vec::from_iter(places.iter().copied().map(name_of));
         let mut compared = Vec::new();
         for (node, output) in places {
-            let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
+            let mine = graph.outputs().iter().filter(|o| (o.node, o.output) == (node, output));
             let mine: Vec<&GraphOutput> = mine.collect();
             let Some(value) = finished.value(&mine[0].name) else { continue };
             let names: Vec<String> = mine.iter().map(|output| output.name.clone()).collect();
@@ -259,7 +259,7 @@ impl Job<'_> {
                     complete = false;
                     let message = format!("cannot write `{}`: {error}", output.name);
                     problems.push(Problem {
-                        source: finished.graph().source.clone(),
+                        source: finished.graph().source().clone(),
                         ..self.test.problem(code::FAILED, output.span, message)
                     });
                 }

@@ -115,7 +115,7 @@ impl TestFile {
     fn fault(&self, expectation: &Expectation, item: &Tree, graph: &Graph) -> Option<Problem> {
         let kind = |name: &str| {
             let (node, output) = graph.value_named(name)?;
-            graph.nodes[node].types[output]
+            graph.nodes()[node].types[output]
         };
         let types = Vec::from_iter(expectation.values().into_iter().map(kind));
         Some(expectation.fault(&types, item)?.at(&self.source))
@@ -153,7 +153,7 @@ impl TestFile {
     fn tolerances(&self, graph: &Graph) -> Vec<Problem> {
         let mut problems = Vec::new();
         for allowed in &self.compare {
-            let Some(output) = graph.outputs.iter().find(|output| output.name == allowed.output)
+            let Some(output) = graph.outputs().iter().find(|output| output.name == allowed.output)
             else {
                 if self.graphs.len() == 1 {
                     let names = Vec::from_iter(graph.output_names());
@@ -164,7 +164,7 @@ impl TestFile {
                 }
                 continue;
             };
-            let kind = graph.nodes[output.node].types[output.output];
+            let kind = graph.nodes()[output.node].types[output.output];
             if let Some(kind) = kind.filter(|kind| kind.name != allowed.kind) {
                 let (is, not) = (with_article(kind.name), with_article(&allowed.kind));
                 let message = format!("`{}` is {is}, not {not}", allowed.output);

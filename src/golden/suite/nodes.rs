@@ -142,10 +142,10 @@ fn short(text: &str) -> String {
 pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     let mut lines = Vec::new();
     for node in
-        graph.nodes.iter().filter(|node| needed.0.iter().any(|trace| trace.name == node.name))
+        graph.nodes().iter().filter(|node| needed.0.iter().any(|trace| trace.name == node.name))
     {
         let link = |link: &Link| {
-            let target = &graph.nodes[link.node];
+            let target = &graph.nodes()[link.node];
             format!("{}: {}.{}", link.port, target.name, target.outputs[link.output])
         };
         let links = Vec::from_iter(node.links.iter().map(link)).join(", ");

@@ -496,7 +496,7 @@ pub fn with(set: &[Set], options: &Options) -> Options {
 fn reads(checked: &Checked) -> Vec<(String, PathBuf)> {
     let graph = checked.graph.as_ref().or(checked.partial.as_ref());
     let own =
-        graph.into_iter().flat_map(|graph| graph.nodes.iter()).filter(|it| it.uses.is_empty());
+        graph.into_iter().flat_map(|graph| graph.nodes().iter()).filter(|it| it.uses.is_empty());
     let of_node = |node: &GraphNode| {
         let files = node.recipe.files().into_iter();
         Vec::from_iter(files.map(|(field, path)| (format!("{}.{field}", node.name), path)))

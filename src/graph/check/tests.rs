@@ -1,8 +1,12 @@
 //! Files with very many mistakes: the work grows as the file does.
 
+use std::path::Path;
+
 use maquette_syntax::LOOKS;
 
-use super::*;
+use crate::Options;
+use crate::catalog::Catalog;
+use crate::load::load_text;
 
 /// The problems of a text without built-in nodes, and how many names were compared to find them.
 fn problems(text: String) -> (usize, usize) {

@@ -5,11 +5,10 @@ use std::collections::HashSet;
 use maquette_syntax::error::{Problem, code};
 
 use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
-use crate::definition::Definition;
-use crate::draft::Draft;
+use crate::definition::{Counted, Definition, Draft, Elements, Pick, Repeat};
 use crate::each::{element_name, numbered};
-use crate::repeat::{Counted, Elements, Pick, Repeat};
-use crate::stage::{Count, Loop, cut_node, refused_node};
+use crate::flat::{Count, Loop};
+use crate::stage::{cut_node, refused_node};
 use crate::top::{field_of, name_of};
 use crate::unfound::{beyond, elements};
 use crate::{GraphUse, Link};

@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Expansion, Scope, Values};
-use crate::definition::Definition;
-use crate::expected::{Expected, Expecter, Expecting};
+use crate::definition::{Definition, Expecting};
+use crate::expected::{Expected, Expecter};
 use crate::{Guard, Wanter};
 
 impl Expansion<'_, '_> {

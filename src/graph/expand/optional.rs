@@ -6,8 +6,7 @@ use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Tree};
 
 use super::{Scope, Target};
-use crate::definition::Definition;
-use crate::draft::Draft;
+use crate::definition::{Definition, Draft};
 
 /// The places of links that are left out, and whether each is at a port that takes many.
 pub(super) type Absent = HashMap<Span, bool>;

@@ -4,13 +4,12 @@
 //! There is one way: the value is read as if it stood alone in the node ([`renewed_put`]); who keeps it in a text writes what comes of it.
 
 use maquette_syntax::error::Span;
-use maquette_syntax::quoted;
-use maquette_syntax::{Body, DEEPEST, Field, Finding, Kind, Name, Tree, parse};
+use maquette_syntax::{Body, DEEPEST, Field, Finding, Kind, Name, Tree, parse, quoted};
 
 use super::{Splice, apply, renewed, without, written};
 use crate::catalog::Catalog;
-use crate::meaning::entries;
 use crate::quality::is_side;
+use crate::tree::entries;
 
 /// By this place the value is found again among the fields around it.
 const MARK: Span = Span { start: usize::MAX, end: usize::MAX };

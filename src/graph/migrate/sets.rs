@@ -2,15 +2,14 @@
 
 use std::path::PathBuf;
 
-use maquette_syntax::quoted;
-use maquette_syntax::{Kind, Tree, parse};
+use maquette_syntax::{Kind, Tree, parse, quoted};
 use maquette_value::plain::read_text;
 
 use super::puts::renewed_target;
 use super::{Splice, apply, written};
 use crate::catalog::Catalog;
-use crate::meaning::entries;
 use crate::patch::patched_tree;
+use crate::tree::entries;
 use crate::{Files, Graph, Options};
 
 impl Graph {

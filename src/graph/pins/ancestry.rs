@@ -68,12 +68,7 @@ impl Ancestry {
     }
 
     /// In words, what of the node or of what it hangs on is not as it was: what is nearest to it.
-    pub(super) fn change(
-        &self,
-        nodes: &[GraphNode],
-        index: usize,
-        readers: &Readers,
-    ) -> Option<String> {
+    pub fn change(&self, nodes: &[GraphNode], index: usize, readers: &Readers) -> Option<String> {
         let now = Self::of(nodes, index, readers);
         if self.made == now.made {
             return None;

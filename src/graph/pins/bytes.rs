@@ -32,7 +32,7 @@ pub fn write(values: &[AnyValue]) -> Vec<u8> {
 }
 
 /// The values of these types and hashes; none if the bytes hold others, or are damaged.
-pub(super) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
+pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let end = rest.iter().position(|byte| *byte == b'\n')?;
     let header: Header = serde_json::from_slice(&rest[..end]).ok()?;

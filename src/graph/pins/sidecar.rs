@@ -7,8 +7,7 @@ use std::sync::Arc;
 
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
-use maquette_value::Hash;
-use maquette_value::plain;
+use maquette_value::{Hash, plain};
 
 use super::{Ancestry, ENDING, Pin, Pins};
 

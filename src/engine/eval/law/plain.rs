@@ -40,15 +40,15 @@ impl Truth {
 
 /// The truth of all nodes, of which these are wanted.
 pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
-    let mut wanted = vec![false; graph.nodes.len()];
+    let mut wanted = vec![false; graph.nodes().len()];
     roots.iter().for_each(|&root| wanted[root] = true);
-    for (index, node) in graph.nodes.iter().enumerate().rev() {
+    for (index, node) in graph.nodes().iter().enumerate().rev() {
         if wanted[index] {
             node.links.iter().for_each(|link| wanted[link.node] = true);
         }
     }
     let mut truths: Vec<Truth> = Vec::new();
-    for (index, node) in graph.nodes.iter().enumerate() {
+    for (index, node) in graph.nodes().iter().enumerate() {
         let truth = if wanted[index] { of(graph, node, &truths) } else { Truth::Unwanted };
         truths.push(truth);
     }
@@ -88,7 +88,7 @@ fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
         files: &files,
         progress: Progress::none(),
         memos: None,
-        readers: &graph.readers,
+        readers: graph.readers(),
         warnings: Mutex::default(),
     };
     match catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx))) {

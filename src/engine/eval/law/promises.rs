@@ -31,7 +31,7 @@ pub(super) fn agree(
     cancelled: bool,
 ) -> Result<(), String> {
     for (index, node) in
-        graph.nodes.iter().enumerate().filter(|(index, _)| truths[*index].is_wanted())
+        graph.nodes().iter().enumerate().filter(|(index, _)| truths[*index].is_wanted())
     {
         let name = &node.name;
         for output in 0..node.outputs.len() {
@@ -58,7 +58,8 @@ impl Found<'_> {
     /// The trace has the wanted nodes in their order, each with a state that is possible; who ran began.
     pub(super) fn states(&self, started: &[String]) -> Result<(), String> {
         let trace = self.evaluation.trace();
-        let nodes = self.graph.nodes.iter().zip(self.truths).filter(|(_, truth)| truth.is_wanted());
+        let nodes =
+            self.graph.nodes().iter().zip(self.truths).filter(|(_, truth)| truth.is_wanted());
         promise!(
             nodes.clone().map(|(node, _)| &node.name).eq(trace.0.iter().map(|node| &node.name)),
             "the trace has other nodes"
@@ -91,14 +92,14 @@ impl Found<'_> {
         let mut above = vec![false; self.truths.len()];
         let trace = self.evaluation.trace();
         for (index, truth) in self.truths.iter().enumerate() {
-            let node = &self.graph.nodes[index];
+            let node = &self.graph.nodes()[index];
             let Truth::Given { parts, .. } = truth else { continue };
             let ran = started.contains(&node.name);
             let ran_above = node.links.iter().any(|link| above[link.node]);
             above[index] = ran || ran_above;
             let count = runs.entry(parts.key()).or_default();
             *count += usize::from(ran);
-            let state = trace.0.iter().find(|node| node.name == self.graph.nodes[index].name);
+            let state = trace.0.iter().find(|node| node.name == self.graph.nodes()[index].name);
             let state = state.map(|node| node.state);
             let expected = if ran_above { State::Equal } else { State::Cached };
             promise!(
@@ -119,7 +120,7 @@ impl Found<'_> {
     /// What was forecast came true.
     pub(super) fn forecast(&self, forecasts: &[Forecast]) -> Result<(), String> {
         let trace = self.evaluation.trace();
-        let names = forecasts.iter().map(|forecast| &self.graph.nodes[forecast.index].name);
+        let names = forecasts.iter().map(|forecast| &self.graph.nodes()[forecast.index].name);
         promise!(
             names.eq(trace.0.iter().map(|node| &node.name)),
             "other nodes are forecast than visited"
@@ -130,7 +131,7 @@ impl Found<'_> {
             let is_sure = |link: &Link| {
                 outlook(link.node).is_some_and(|forecast| forecast.outlook == Outlook::Cached)
             };
-            let inputs_are_known = self.graph.nodes[forecast.index].links.iter().all(is_sure);
+            let inputs_are_known = self.graph.nodes()[forecast.index].links.iter().all(is_sure);
             let possible = match forecast.outlook {
                 Outlook::Cached => matches!(state, State::Cached),
                 // Another one with the same work may have been faster.
@@ -155,7 +156,7 @@ impl Found<'_> {
         let mut trace = trace.0.iter();
         for (index, truth) in self.truths.iter().enumerate().filter(|(_, truth)| truth.is_wanted())
         {
-            let node = &self.graph.nodes[index];
+            let node = &self.graph.nodes()[index];
             let Some(found) = trace.next() else { continue };
             let Truth::Given { parts, .. } = truth else { continue };
             let change = last.get(&node.name).map(|before| parts.change(before));
@@ -167,7 +168,7 @@ impl Found<'_> {
                 (_, Some(Some(change))) => Reason::Before(change),
                 (_, None | Some(None)) => Reason::Unchanged,
             };
-            let expected = expected.in_words(node, &self.graph.nodes);
+            let expected = expected.in_words(node, self.graph.nodes());
             promise!(found.reason == expected, "`{}`: {}, but {expected}", node.name, found.reason);
         }
         Ok(())
