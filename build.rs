@@ -91,17 +91,23 @@ fn for_tests_alone(crate_folder: &Path) -> BTreeSet<String> {
     &in_tests - &always
 }
 
-/// What a workspace's `Cargo.toml` says of profiles, of patches, and of these packages.
+/// What a workspace's `Cargo.toml` says of profiles, of patches, and of this package and these ones.
 fn settings_of(manifest: &str, packages: &BTreeSet<&str>) -> String {
+    let own = env::var("CARGO_PKG_NAME").unwrap_or_default();
     let (mut settings, mut section) = (String::new(), "");
     for line in manifest.lines() {
         if line.starts_with('[') {
             section = line.trim_matches(['[', ']']);
         }
         let name = line.split(['.', ' ', '=']).next().unwrap_or_default();
+        let is_profile = section.starts_with("profile");
         let counts = match section {
             "workspace.dependencies" => packages.contains(name),
-            _ => section.starts_with("profile") || section.starts_with("patch"),
+            // `"*"` means all packages.
+            _ if is_profile && section.ends_with(".package") => {
+                packages.contains(name) || name.starts_with('"') || name == own
+            }
+            _ => is_profile || section.starts_with("patch"),
         };
         if counts {
             settings += line;

@@ -1,7 +1,7 @@
 # The recipes of a working day; `ci` is exactly what CI runs, `nightly` all the rest.
 
 test *args:
-    cargo test --workspace {{args}}
+    cargo test {{args}}
 
 # The tests of graphs, and a page that shows what differs.
 graphs *args:
@@ -17,7 +17,7 @@ law-mutations sequences="20000":
 
 lint:
     cargo fmt --all --check
-    cargo clippy --workspace --all-targets -- -D warnings
+    cargo clippy --workspace --all-targets --features maquette-program/s3,maquette-tests/oracles -- -D warnings
 
 # The doll of the README, seen from the front.
 doll:
@@ -68,7 +68,7 @@ sequences count="2000":
 # Are the types of the live page's scripts and of the contact sheet's right? Installs the checker from npm beside the build.
 page:
     bash tests/sheet/install
-    target/sheet/node_modules/.bin/tsc --project page
+    target/sheet/node_modules/.bin/tsc --project src/preview/web
     target/sheet/node_modules/.bin/tsc --project src/cli/tasks/sheet
 
 # The contact sheet of a batch in a real Chromium. What drives it comes from npm.

@@ -916,7 +916,7 @@ def build():
     """Our programs, and a folder for what they write."""
     OUT.mkdir(parents=True, exist_ok=True)
     # Together, and of no named package: so the engine is compiled once, also for benches.
-    subprocess.run(["cargo", "build", "--release", "-q", "--bin", "maquette", "--example", "peers"], cwd=PROJECT, check=True)
+    subprocess.run(["cargo", "build", "--release", "-q", "--bin", "maquette", "--example", "peers", "--features", "maquette-tests/oracles"], cwd=PROJECT, check=True)
 
 
 def prepare():

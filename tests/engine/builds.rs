@@ -1,5 +1,6 @@
 //! The ids of builds, made by cargo itself: the same for the same code, another one for any other.
 
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,9 @@ use maquette::{Catalog, Disk, Pack};
 struct Workspace(tempfile::TempDir);
 
 const PROGRAM: &str = r#"fn main() { println!("{}\n{}", a::BUILD, b::BUILD) }"#;
+
+/// That of the workspace.
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 const LIBRARY: &str = r#"pub const BUILD: &str = env!("MAQUETTE_BUILD");"#;
 
@@ -60,8 +64,7 @@ impl Workspace {
     }
 
     fn command(&self, program: &str) -> Command {
-        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo"));
-        let mut command = Command::new(cargo);
+        let mut command = cargo();
         command.args(["run", "--offline", "--quiet", "--package", program]);
         command.current_dir(self.0.path()).env("CARGO_TARGET_DIR", self.path("target"));
         command
@@ -71,6 +74,10 @@ impl Workspace {
     fn ids(&self, program: &str) -> [String; 2] {
         ids(self.command(program))
     }
+}
+
+fn cargo() -> Command {
+    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")))
 }
 
 fn ids(mut command: Command) -> [String; 2] {
@@ -110,8 +117,15 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
     let [a, b] = workspace.ids("one");
     assert!(a == ids[0] && b != ids[1] && is_id(&b), "{b}");
     let ids = [a, b];
-    workspace.append("Cargo.toml", "overflow-checks = false\n");
-    changes_both("a profile", ids);
+    workspace.append(
+        "Cargo.toml",
+        "overflow-checks = false\n[profile.dev.package]\ntwo.opt-level = 1\n",
+    );
+    let ids = changes_both("a profile", ids);
+    workspace.append("Cargo.toml", "one.opt-level = 1\n");
+    assert_eq!(workspace.ids("one"), ids, "the profile of a program above");
+    workspace.append("Cargo.toml", "a.codegen-units = 1\n");
+    changes_both("the profile of `a` itself", ids);
 }
 
 #[test]
@@ -146,4 +160,25 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
         assert!(Instant::now() < is_over, "its file was not looked at");
         std::thread::sleep(Duration::from_millis(100));
     }
+}
+
+/// The packages that cargo compiles for these arguments of `cargo tree`, with the features of each.
+fn packages(arguments: &[&str]) -> BTreeSet<String> {
+    let mut command = cargo();
+    command.args(["tree", "--locked", "--offline", "--prefix", "none", "--format", "{p} {f}"]);
+    let output = command.args(arguments).current_dir(FOLDER).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    // What stands there a second time is marked.
+    text.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
+#[test]
+fn tests_take_the_libraries_that_the_program_was_compiled_with() {
+    let program = packages(&["--package", "maquette-program", "--edges", "normal,build"]);
+    let tests = packages(&["--edges", "normal,build,dev"]);
+    let twice = Vec::from_iter(program.difference(&tests));
+    assert!(twice.is_empty(), "with other features in tests: {twice:#?}");
+    let manifest = fs::read_to_string(Path::new(FOLDER).join("Cargo.toml")).unwrap();
+    assert!(!manifest.contains("[profile.test"), "tests have the profile of `cargo run`");
 }

@@ -12,8 +12,15 @@ use maquette_third_party::{PACK, Palette};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
 
+/// The program with this pack, which cargo builds beside its tests.
+fn program() -> Command {
+    let test = std::env::current_exe().unwrap();
+    let built = test.ancestors().nth(2).unwrap().join("examples/third-party");
+    Command::new(built.with_extension(std::env::consts::EXE_EXTENSION))
+}
+
 fn inspect(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_third-party"));
+    let mut command = program();
     command.args(["inspect", "ExtractPalette.ron", "palette", "--no-cache"]);
     command.args(arguments).current_dir(GRAPHS).output().unwrap()
 }
@@ -115,8 +122,7 @@ fn old_names_in_patches_and_tests_are_migrated_too() {
     write("poster.test.ron", test);
     write("patch.ron", patch);
     let run = |words: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_third-party"));
-        let done = command.args(words).current_dir(folder.path()).output().unwrap();
+        let done = program().args(words).current_dir(folder.path()).output().unwrap();
         let told = [done.stdout, done.stderr].concat();
         (String::from_utf8(told).unwrap(), done.status.success())
     };

@@ -1,0 +1,80 @@
+#!/usr/bin/env python3
+"""Edits of what stands above the packs compile no pack again and keep every result on disk, and so does a library of the commands alone.
+An edit of a pack compiles no other pack but those that stand on it. Works on a copy of the sources in target/rebuild."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+WORK = ROOT / "target/rebuild"
+TREE = WORK / "tree"
+ENVIRONMENT = {**os.environ, "CARGO_TARGET_DIR": str(WORK / "target"), "MAQUETTE_CACHE": str(WORK / "cache")}
+# What computes nothing that is kept: edits of it change no result.
+ABOVE = ["edit", "diagram", "golden", "lsp", "preview", "cli"]
+
+
+def copy():
+    """The sources of now, with the times of files that are as they were: cargo goes by times."""
+    listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True)
+    names = {name.decode() for name in listed.stdout.split(b"\0") if name and (ROOT / name.decode()).is_file()}
+    for path in [path for path in TREE.rglob("*") if path.is_file() and str(path.relative_to(TREE)) not in names]:
+        path.unlink()
+    for name in names:
+        source, to = ROOT / name, TREE / name
+        if not to.exists() or source.read_bytes() != to.read_bytes():
+            to.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(source, to)
+            os.utime(to)
+
+
+def edit(file, old, new):
+    path = TREE / file
+    text = path.read_text()
+    assert old in text, f"{file} has no {old!r}"
+    path.write_text(text.replace(old, new, 1))
+
+
+def built():
+    """Builds the program. The crates of the workspace that were compiled."""
+    command = ["cargo", "build", "--locked", "--bin", "maquette", "--message-format", "json"]
+    output = subprocess.run(command, cwd=TREE, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True, check=True).stdout
+    messages = [json.loads(line) for line in output.splitlines()]
+    artifacts = [it for it in messages if it["reason"] == "compiler-artifact" and "lib" in it["target"]["kind"]]
+    names = [it["target"]["name"] for it in artifacts if not it["fresh"] and str(TREE) in it["manifest_path"]]
+    return {name.removeprefix("maquette_") for name in names}
+
+
+def computed():
+    """Runs the doll. How many nodes computed; all others were taken from the disk."""
+    command = [WORK / "target/debug/maquette", "run", "graphs/doll.ron"]
+    output = subprocess.run(command, cwd=TREE, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    return (output.stdout + output.stderr).count("computed ")
+
+
+def expect(what, compiled, kept, found, count):
+    assert found == compiled, f"{what}: compiled {sorted(found)}, not {sorted(compiled)}"
+    assert (count == 0) == kept, f"{what}: {count} nodes computed"
+    print(f"ok {what}: compiled {', '.join(sorted(found))}; {count} nodes computed")
+
+
+shutil.rmtree(WORK / "cache", ignore_errors=True)
+copy()
+built()
+assert computed() > 0 and computed() == 0, "a second run computes nothing"
+
+for crate in ABOVE:
+    edit(f"src/{crate}/lib.rs", "//!", "//! Edited.\n//!")
+compiled = built()
+expect("an edit of what stands above the packs", {*ABOVE, "maquette"}, True, compiled & {*ABOVE, "maquette"}, computed())
+assert not compiled - {*ABOVE, "maquette", "maquette_program"}, f"compiled {sorted(compiled)}"
+
+edit("Cargo.toml", 'open = { version = "5", default-features = false }', 'open = { version = "5", default-features = false, features = ["insecure"] }')
+expect("another library of the commands", {"cli"}, True, built(), computed())
+
+edit("nodes/image/threshold.rs", "//!", "//! Edited.\n//!")
+compiled = built()
+assert not compiled & {*ABOVE, "value", "node", "format", "graph", "engine"}, f"compiled {sorted(compiled)}"
+expect("an edit of a pack", compiled, False, compiled, computed())
