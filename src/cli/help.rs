@@ -18,12 +18,12 @@ pub(crate) struct Help {
 const WIDEST: usize = 100;
 
 impl Help {
-    pub(super) fn run(&self, _: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let command = Cli::command();
         if let [word] = &self.words[..]
             && let Some(topic) = topic(word)
         {
-            print(&plain(topic.text, width()));
+            print(&plain(&topic.told(catalog), width()));
             if command.find_subcommand(word).is_some() {
                 print(&format!("\n`{} {word} --help` explains the command.\n", program()));
             }

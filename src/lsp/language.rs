@@ -4,6 +4,7 @@ mod plain;
 #[cfg(test)]
 mod tests;
 
+use maquette_graph::catalog::Catalog;
 pub use plain::plain;
 
 /// One topic of the language: `src/lsp/language/NAME.md`, which begins with its title.
@@ -36,11 +37,34 @@ pub const TOPICS: &[Topic] = &[
     Topic { name: "merge", text: include_str!("language/merge.md") },
 ];
 
+/// Stands for the rows of a table in which each node says what becomes of attributes.
+const ROWS: &str = "| .. | .. | .. | .. | .. | .. | .. |\n";
+
 impl Topic {
+    /// The text for a program with these nodes.
+    pub fn told(&self, catalog: &Catalog) -> String {
+        self.text.replace(ROWS, &rows(catalog))
+    }
+
     /// What it is about.
     pub(crate) fn title(&self) -> &'static str {
         self.text.lines().next().unwrap_or_default().trim_start_matches("# ")
     }
+}
+
+/// What each node says of attributes, a row for each port and output.
+fn rows(catalog: &Catalog) -> String {
+    let mut rows = String::new();
+    for entry in catalog.entries() {
+        for carry in entry.carries() {
+            let json = carry.to_json();
+            let word = |key: &str| json[key].as_str().unwrap_or("-").to_owned();
+            let fates = ["vertex", "corner", "edge", "face", "cell"].map(word).join(" | ");
+            rows +=
+                &format!("| {} | `{}`, `{}` | {fates} |\n", entry.name, carry.port, carry.output);
+        }
+    }
+    rows
 }
 
 /// The topic of this name; capitals do not matter.

@@ -13,7 +13,6 @@ use expect_test::expect_file;
 
 use crate::graph_files::problems;
 
-mod attributes;
 mod both_ends;
 mod chains;
 mod differences;

@@ -51,3 +51,25 @@ fn an_unknown_topic_gets_a_guess() {
     );
     assert_eq!(unknown("insect"), format!("{message} `insect`; did you mean `inspect`?\n"));
 }
+
+#[test]
+fn what_becomes_of_attributes_is_told_for_each_node_of_the_program() {
+    let (nodes, _) = told(&["nodes", "--json"]);
+    let nodes: serde_json::Value = serde_json::from_str(&nodes).unwrap();
+    let mut wanted = Vec::new();
+    for node in nodes["nodes"].as_array().unwrap() {
+        for carry in node["attributes"].as_array().into_iter().flatten() {
+            let word = |name: &str| carry[name].as_str().unwrap_or("-").to_owned();
+            let fates = ["vertex", "corner", "edge", "face", "cell"].map(word).join(" | ");
+            let (name, port, output) =
+                (node["name"].as_str().unwrap(), word("port"), word("output"));
+            wanted.push(format!("| {name} | `{port}`, `{output}` | {fates} |"));
+        }
+    }
+    let (text, _) = told(&["help", "attributes"]);
+    let rows = text.lines().filter(|line| line.starts_with("| ") && line.contains(", `"));
+    let (mut rows, several) = (Vec::from_iter(rows), wanted.len() > 10);
+    rows.sort_unstable();
+    wanted.sort_unstable();
+    assert!(several && rows == wanted, "{rows:#?} {wanted:#?}");
+}
