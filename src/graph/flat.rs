@@ -5,13 +5,12 @@ use std::sync::Arc;
 
 use maquette_node::AnyNode;
 use maquette_node::pack::Format;
-use maquette_syntax::error::{Problem, Severity, Source, Span, Use};
+use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
 use maquette_syntax::{Origin, Sheet, Tree};
 use maquette_value::ValueType;
 use serde_json::Value as Json;
 
 use crate::files::NodeFile;
-use crate::guards::Guard;
 use crate::recipe::Recipe;
 
 /// A node of a graph.
@@ -142,4 +141,41 @@ pub struct Loop {
     pub node: usize,
     /// Whether the number of its elements is not known: the graph has one example.
     pub is_open: bool,
+}
+
+/// A test of a value that comes to a node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Guard {
+    /// The place of the link.
+    pub slot: usize,
+    pub property: &'static str,
+    /// Who wants it, in words: port `mesh`, or input `skin` of `shell`.
+    pub by: Arc<str>,
+    /// The input that wants it, if it is not a port of the node.
+    pub input: Option<Arc<Wanter>>,
+}
+
+/// An input of a graph that wants a property.
+#[derive(Debug, PartialEq)]
+pub struct Wanter {
+    /// Where it says so.
+    pub(crate) source: Arc<Source>,
+    pub(crate) span: Span,
+    /// The uses that lead to the graph, the outermost first.
+    pub(crate) uses: Arc<[Use]>,
+}
+
+impl Wanter {
+    /// What comes in is not so: told where the graph is used, or where the input is declared if nobody uses it.
+    pub fn problem(&self, message: String, help: String) -> Problem {
+        let (source, span) = (self.source.clone(), self.span);
+        let problem = |place, message| Problem::new(Severity::Error, code::FAILED, place, message);
+        let Some((last, outer)) = self.uses.split_last() else {
+            return Problem { help, ..problem((source, span), message) };
+        };
+        let Place { line, column } = Place::of(&source.text, span.start);
+        let wanted = format!("this is wanted at {}:{line}:{column}", source.name.display());
+        let help = if help.is_empty() { wanted } else { format!("{wanted}; {help}") };
+        Problem { help, uses: outer.to_vec(), ..problem((last.source.clone(), last.span), message) }
+    }
 }

@@ -10,7 +10,7 @@ use maquette_syntax::error::{Cancelled, Error};
 use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
 use crate::file::{File, FilePath, ReadError};
-use crate::node::{In, PortType, at_port};
+use crate::port::{In, PortType, at_port};
 use crate::reading::{NoReader, Readers, Reading};
 
 /// How far a node is, and whether it should stop.

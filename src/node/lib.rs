@@ -19,6 +19,7 @@ mod context;
 mod file;
 mod kind;
 mod node;
+mod port;
 mod previous;
 mod terms;
 
@@ -31,8 +32,9 @@ pub use maquette_syntax::Reader;
 // What a pack names beside these.
 pub use maquette_syntax::error::{Cancelled, Error};
 pub use maquette_value::{AnyValue, ValueType, value_type};
-pub use node::{In, Node, Outputs, PortType};
+pub use node::Node;
 pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
+pub use port::{In, Outputs, PortType};
 pub use previous::Previous;
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};

@@ -1,21 +1,15 @@
-//! A step of a graph, its ports and its outputs.
+//! A step of a graph.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
-use std::fmt;
-use std::marker::PhantomData;
-
-use maquette_syntax::LINK;
 use maquette_syntax::error::Error;
-use maquette_value::{AnyValue, Value, ValueType, value_type};
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::carry::Carry;
 use crate::context::Context;
 use crate::file::FilePath;
 use crate::limit::Estimate;
+use crate::port::Outputs;
 use crate::previous::Previous;
 use crate::terms::{Promise, Want};
 
@@ -77,176 +71,4 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
         let _ = (cx, previous);
         Ok(None)
     }
-}
-
-/// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union!) of some.
-pub trait PortType: Sized + 'static {
-    /// The name of the value or of the union.
-    const NAME: &'static str;
-
-    /// What [`Context::get`] gives: `&T` for a value, the union itself for a union.
-    type Ref<'a>;
-
-    /// The values that fit.
-    fn types() -> Vec<&'static ValueType>;
-
-    /// The value as this type, if it fits.
-    fn get(value: &AnyValue) -> Option<Self::Ref<'_>>;
-
-    /// The value for a link.
-    fn into_any(self) -> AnyValue;
-}
-
-impl<T: Value> PortType for T {
-    const NAME: &'static str = T::NAME;
-
-    type Ref<'a> = &'a T;
-
-    fn types() -> Vec<&'static ValueType> {
-        vec![value_type::<T>()]
-    }
-
-    fn get(value: &AnyValue) -> Option<&T> {
-        value.get()
-    }
-
-    fn into_any(self) -> AnyValue {
-        AnyValue::new(self)
-    }
-}
-
-/// Declares a union of values, for a port that takes one of several types:
-/// `union! { /// Doc. pub enum Solid { Mesh(Mesh), Surface(Surface) } }`.
-///
-/// An output of the same union has the type that came in.
-#[macro_export]
-macro_rules! union {
-    ($(#[$doc:meta])* $vis:vis enum $name:ident { $($variant:ident($value:ty)),+ $(,)? }) => {
-        $(#[$doc])*
-        #[derive(Clone, Debug)]
-        $vis enum $name {
-            $(#[doc = concat!("A `", stringify!($variant), "`.")] $variant($value)),+
-        }
-
-        impl $crate::PortType for $name {
-            const NAME: &'static str = stringify!($name);
-
-            type Ref<'a> = Self;
-
-            fn types() -> Vec<&'static $crate::ValueType> {
-                vec![$($crate::value_type::<$value>()),+]
-            }
-
-            fn get(value: &$crate::AnyValue) -> Option<Self> {
-                $(if let Some(value) = value.get::<$value>() {
-                    return Some(Self::$variant(value.clone()));
-                })+
-                None
-            }
-
-            fn into_any(self) -> $crate::AnyValue {
-                match self {
-                    $(Self::$variant(value) => $crate::AnyValue::new(value)),+
-                }
-            }
-        }
-    };
-}
-
-/// The outputs of a node: a tuple of one to four values.
-pub trait Outputs: Sized + 'static {
-    /// One name per output: `[&'static str; N]`.
-    type Names: AsRef<[&'static str]>;
-
-    /// The type of each output: the name of a value or union, and the values it may be.
-    fn types() -> Vec<(&'static str, Vec<&'static ValueType>)>;
-
-    /// The values for links, in order.
-    fn into_any(self) -> Vec<AnyValue>;
-}
-
-macro_rules! outputs {
-    ($count:literal: $($type:ident $index:tt),+) => {
-        impl<$($type: PortType),+> Outputs for ($($type,)+) {
-            type Names = [&'static str; $count];
-
-            fn types() -> Vec<(&'static str, Vec<&'static ValueType>)> {
-                vec![$(($type::NAME, $type::types())),+]
-            }
-
-            fn into_any(self) -> Vec<AnyValue> {
-                vec![$(self.$index.into_any()),+]
-            }
-        }
-    };
-}
-
-outputs!(1: A 0);
-outputs!(2: A 0, B 1);
-outputs!(3: A 0, B 1, C 2);
-outputs!(4: A 0, B 1, C 2, D 3);
-
-/// A port: takes a link to a `T`.
-pub struct In<T> {
-    pub(super) slot: usize,
-    marker: PhantomData<fn() -> T>,
-}
-
-impl<T> Clone for In<T> {
-    fn clone(&self) -> Self {
-        Self { slot: self.slot, marker: PhantomData }
-    }
-}
-
-impl<T> fmt::Debug for In<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "In({})", self.slot)
-    }
-}
-
-impl<T> Serialize for In<T> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        BTreeMap::from([(LINK, self.slot)]).serialize(serializer)
-    }
-}
-
-impl<'de, T> Deserialize<'de> for In<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Slot;
-        impl<'de> de::Visitor<'de> for Slot {
-            type Value = usize;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a link")
-            }
-
-            fn visit_u64<E: de::Error>(self, slot: u64) -> Result<usize, E> {
-                usize::try_from(slot).map_err(E::custom)
-            }
-        }
-        let slot = deserializer.deserialize_newtype_struct(LINK, Slot)?;
-        Ok(Self { slot, marker: PhantomData })
-    }
-}
-
-impl<T: PortType> JsonSchema for In<T> {
-    fn schema_name() -> Cow<'static, str> {
-        format!("In<{}>", T::NAME).into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        let types = Vec::from_iter(T::types().iter().map(|kind| kind.name));
-        json_schema!({ "port": T::NAME, "types": types })
-    }
-}
-
-pub(super) fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
-    let value = &inputs[port.slot];
-    T::get(value).unwrap_or_else(|| {
-        panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)
-    })
 }

@@ -2,7 +2,7 @@
 
 use maquette_value::{AnyValue, Value};
 
-use super::node::at_port;
+use super::port::at_port;
 use super::{Context, In, PortType};
 
 /// What came to a node, and what it gave, when it ran with the same parameters and files.

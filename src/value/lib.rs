@@ -28,6 +28,7 @@ mod encoding;
 mod field;
 mod frame;
 mod handles;
+mod hash;
 mod hostile;
 mod image;
 mod knots;
@@ -41,9 +42,11 @@ mod points;
 mod property;
 mod range;
 mod region;
+mod summary;
 mod surface;
 mod topology;
 mod trace;
+mod types;
 mod value;
 
 pub use attributes::{Attribute, AttributeError, Attributes};
@@ -54,33 +57,32 @@ pub use counts::counted;
 pub use curve::{Curve, CurveError, CurveFoot};
 pub use direction::{Direction, DirectionError};
 pub use elements::{Elements, NoElements};
-pub use encoding::{Bytes, Columns, Kept};
-pub use encoding::{DecodeError, Decoder, Encoder, hash_of};
+pub use encoding::{Bytes, Columns, DecodeError, Decoder, Encoder, Kept, hash_of};
 pub use field::Field;
 pub use frame::{CaptureFrame, Pinhole, Registration};
 pub use handles::{Handle, HandleSpace, Handles, HandlesError};
-pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
-pub use image::{linear_from_srgb, srgb_from_linear};
+pub use hash::Hash;
+pub(crate) use hash::SEVERAL_THREADS;
+pub use image::{
+    Color, ColorError, Image, Lab, Rgb, SizeError, linear_from_srgb, srgb_from_linear,
+};
 pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
-pub use layer::PLAIN;
-pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Marks, Picture, Series};
+pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Marks, PLAIN, Picture, Series};
 pub use mask::Mask;
-pub use memo::Memo;
-pub use memo::hash_of_memo;
-pub use mesh::bounds;
+pub use memo::{Memo, hash_of_memo};
 pub use mesh::{
-    Behind, Edges, Faces, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree, to_triangle,
+    Behind, Edges, Faces, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree, bounds,
+    to_triangle,
 };
-pub use parts::ranges;
-pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
-pub use points::first_not_finite;
-pub use points::{Points, PointsError};
+pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range, ranges};
+pub use points::{Points, PointsError, first_not_finite};
 pub use property::{Offence, Offender, Property};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
+pub use summary::Summary;
 pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
 pub use topology::{Extent, Topology, border, border_loops};
 pub use trace::{Trace, TraceError, TraceStep};
-pub(crate) use value::SEVERAL_THREADS;
-pub use value::{AnyValue, Hash, Summary, TYPES, Value, ValueType, value_type};
+pub use types::TYPES;
+pub use value::{AnyValue, Value, ValueType, value_type};

@@ -4,46 +4,15 @@ use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 
-use crate::control_net::ControlNet;
-use crate::curve::Curve;
-use crate::direction::Direction;
 use crate::elements::{Cut, ElementType, Elements};
 use crate::encoding::{Columns, DecodeError, Decoder, Encoder, Kept, hash_of};
-use crate::field::Field;
-use crate::handles::Handles;
-use crate::image::Image;
-use crate::knots::KnotVector;
-use crate::labels::Labels;
+use crate::hash::Hash;
 use crate::layer::Layer;
-use crate::mask::Mask;
 use crate::mesh::Mesh;
 use crate::parts::{Parts, PartsError};
-use crate::points::Points;
 use crate::property::{Offence, Property};
-use crate::range::RangeImage;
-use crate::region::Region;
-use crate::surface::Surface;
-use crate::trace::Trace;
+use crate::summary::Summary;
 use crate::{elements, encoding};
-
-/// The engine's own types.
-pub const TYPES: &[&ValueType] = &[
-    value_type::<Mesh>(),
-    value_type::<Surface>(),
-    value_type::<RangeImage>(),
-    value_type::<ControlNet>(),
-    value_type::<Curve>(),
-    value_type::<Points>(),
-    value_type::<Region>(),
-    value_type::<Image>(),
-    value_type::<Mask>(),
-    value_type::<Labels>(),
-    value_type::<Field>(),
-    value_type::<Trace>(),
-    value_type::<KnotVector>(),
-    value_type::<Direction>(),
-    value_type::<Handles>(),
-];
 
 /// A noun of the graph: what a port takes and an output gives. It says everything about itself: its file is all there is to a type.
 pub trait Value: Clone + Send + Sync + 'static {
@@ -118,97 +87,6 @@ pub trait Value: Clone + Send + Sync + 'static {
     /// What may hold of a value of this type, so that ports can want it and outputs promise it.
     fn properties() -> &'static [Property<Self>] {
         &[]
-    }
-}
-
-/// Labelled facts in reading order.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Summary(pub Vec<(String, serde_json::Value)>);
-
-impl Summary {
-    /// Adds one fact.
-    #[must_use]
-    pub fn with(mut self, label: &str, fact: impl Into<serde_json::Value>) -> Self {
-        self.0.push((label.to_owned(), fact.into()));
-        self
-    }
-
-    /// Adds how often numbers fall into each of 32 equal parts of their range: `{"from", "to", "counts"}`. Numbers that are not
-    /// finite do not count; without any other there is no such fact.
-    #[must_use]
-    pub fn with_histogram(self, label: &str, numbers: impl Iterator<Item = f64> + Clone) -> Self {
-        const PARTS: usize = 32;
-        let finite = numbers.filter(|x| x.is_finite());
-        let start = (f64::INFINITY, f64::NEG_INFINITY);
-        let (from, to) = finite.clone().fold(start, |(lo, hi), x| (lo.min(x), hi.max(x)));
-        if to < from {
-            return self;
-        }
-        let mut counts = vec![0u64; PARTS];
-        for x in finite {
-            let part = (x - from) / (to - from) * PARTS as f64;
-            // All numbers equal: NaN, which becomes part 0.
-            counts[(part as usize).min(PARTS - 1)] += 1;
-        }
-        self.with(label, serde_json::json!({ "from": from, "to": to, "counts": counts }))
-    }
-}
-
-/// Below this many bytes one thread hashes faster than several: the cost of waking the others is some 10 us.
-pub(crate) const SEVERAL_THREADS: usize = 256 * 1024;
-
-/// The blake3 hash of a value's content.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Hash(#[doc(hidden)] pub [u8; 32]);
-
-impl Hash {
-    /// The hash of some bytes.
-    pub fn of(bytes: &[u8]) -> Self {
-        if bytes.len() < SEVERAL_THREADS {
-            return Self(*blake3::hash(bytes).as_bytes());
-        }
-        Self(*blake3::Hasher::new().update_rayon(bytes).finalize().as_bytes())
-    }
-
-    /// The hash that [`Display`](fmt::Display) writes; none if the text is not one.
-    pub fn parse(text: &str) -> Option<Self> {
-        let mut bytes = [0; 32];
-        let digits = Some(text.as_bytes()).filter(|digits| digits.len() == 64)?;
-        for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-            let digit = |c: u8| char::from(c).to_digit(16);
-            *byte = (digit(pair[0])? << 4 | digit(pair[1])?) as u8;
-        }
-        Some(Self(bytes))
-    }
-
-    /// The first 12 hexadecimal digits: enough to tell values apart by eye.
-    pub fn short(&self) -> String {
-        self.to_string()[..12].to_owned()
-    }
-}
-
-impl serde::Serialize for Hash {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> serde::Deserialize<'de> for Hash {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = String::deserialize(deserializer)?;
-        Self::parse(&text).ok_or_else(|| serde::de::Error::custom("no hash"))
-    }
-}
-
-impl fmt::Display for Hash {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
-    }
-}
-
-impl fmt::Debug for Hash {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.short())
     }
 }
 
