@@ -43,6 +43,7 @@ mod rows;
 mod step;
 mod surface;
 mod three_mf;
+mod txt;
 mod upright;
 mod zip;
 
