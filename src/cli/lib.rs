@@ -49,6 +49,7 @@ mod sheet;
 mod tasks;
 mod terminal;
 mod test;
+mod values;
 mod watch;
 mod why;
 
