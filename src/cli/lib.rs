@@ -49,7 +49,6 @@ mod sheet;
 mod tasks;
 mod terminal;
 mod test;
-mod values;
 mod watch;
 mod why;
 

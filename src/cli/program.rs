@@ -82,8 +82,6 @@ commands! {
     Sheet(sheet::Sheet),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
-    /// Print the types of values.
-    Values(values::Values),
     /// Make a page of all graphs of a folder, each with its picture.
     Gallery(gallery::Gallery),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
