@@ -16,7 +16,6 @@ pub mod plain;
 pub mod random;
 pub mod simd;
 
-mod angle;
 mod attributes;
 mod boxes;
 mod column;
@@ -50,7 +49,6 @@ mod trace;
 mod types;
 mod value;
 
-pub use angle::{Angle, AngleError};
 pub use attributes::{Attribute, AttributeError, Attributes};
 pub use boxes::{Bounds, BoxTree};
 pub use column::Column;

@@ -22,5 +22,4 @@ pub const TYPES: &[&ValueType] = &[
     value_type::<KnotVector>(),
     value_type::<Direction>(),
     value_type::<Handles>(),
-    value_type::<crate::Angle>(),
 ];
