@@ -43,7 +43,6 @@ mod rows;
 mod step;
 mod surface;
 mod three_mf;
-mod txt;
 mod upright;
 mod zip;
 

@@ -51,7 +51,6 @@ pub const FORMATS: &[Format] = &[
     format::<surface::SurfacePly>(),
     format::<obj::SurfaceObj>(),
     format::<json::DirectionJson>(),
-    format::<crate::txt::DirectionTxt>(),
     format::<json::KnotVectorJson>(),
     format::<json::LabelsJson>(),
     format::<json::TraceJson>(),
