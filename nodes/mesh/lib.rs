@@ -19,7 +19,6 @@ mod read_points;
 mod reconstruct;
 mod texture;
 mod transform;
-mod turn_over;
 mod turned_faces;
 
 pub use merge::{Merge, merge};
@@ -37,7 +36,6 @@ pub use reconstruct::{
 };
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Transform, transform};
-pub use turn_over::TurnOver;
 
 /// Nodes on meshes, points and curves.
 pub static PACK: Pack = Pack {
@@ -54,7 +52,6 @@ pub static PACK: Pack = Pack {
         node::<Orient>(),
         node::<Merge>(),
         node::<Reconstruct>(),
-        node::<TurnOver>(),
     ],
     ..Pack::EMPTY
 };
