@@ -139,7 +139,7 @@ impl Context<'_> {
         }
     }
 
-    /// A file that the node may do without: one that [`Node::files`] lists.
+    /// A file that the node may do without: one that [`Node::files`](crate::Node::files) lists.
     pub fn file_if_any(&self, path: &FilePath) -> Option<&File> {
         self.files.get(path.resolved()).and_then(Option::as_ref)
     }

@@ -15,7 +15,7 @@ use crate::terms::{Promise, Want};
 
 /// One step of a graph, and its whole description.
 ///
-/// A field of type [`In<T>`], `Option<In<T>>` or `Vec<In<T>>` is a port, a field of type [`FilePath`] a file to read, every
+/// A field of type [`In<T>`](crate::In), `Option<In<T>>` or `Vec<In<T>>` is a port, a field of type [`FilePath`] a file to read, every
 /// other field a parameter. The doc comments of the type and its fields are the user's manual; `#[schemars(range(..))]` says which
 /// numbers a parameter takes, and `#[schemars(extend("unit" = "mm"))]` the unit that manual and messages print beside them.
 pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'static {

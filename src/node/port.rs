@@ -15,7 +15,7 @@ pub trait PortType: Sized + 'static {
     /// The name of the value or of the union.
     const NAME: &'static str;
 
-    /// What [`Context::get`] gives: `&T` for a value, the union itself for a union.
+    /// What [`Context::get`](crate::Context::get) gives: `&T` for a value, the union itself for a union.
     type Ref<'a>;
 
     /// The values that fit.
