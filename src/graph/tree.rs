@@ -7,6 +7,7 @@ pub(crate) fn joined(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }
 
+/// The entries of a section of a graph, such as `nodes`, with their names.
 pub fn entries<'t>(
     fields: &'t [Field],
     section: &str,
