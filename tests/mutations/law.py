@@ -25,8 +25,8 @@ SEED = "20070115"
 FAULTS = [
     ("whether the files of a node are as they were", [
         ("src/engine/eval/plan.rs",
-         "        let files = graph.nodes[index].files.iter();\n        files.map",
-         "        let files = graph.nodes[index].files.iter();\n        true || files.map"),
+         "        let files = graph.nodes()[index].files.iter();\n        files.map",
+         "        let files = graph.nodes()[index].files.iter();\n        true || files.map"),
     ]),
     ("whether a node's inputs are the same values", [
         ("src/engine/eval/plan.rs",
@@ -58,13 +58,13 @@ FAULTS = [
     ]),
     ("whether the graph is the same", [
         ("src/engine/eval/plan.rs",
-         "let same = last.shape == graph.shape.identity;",
-         "let same = last.names.len() == graph.nodes.len();"),
+         "let same = last.shape == graph.shape().identity;",
+         "let same = last.names.len() == graph.nodes().len();"),
     ]),
     ("whether a node is the same as the one that was at its place", [
         ("src/engine/eval/snapshot.rs",
-         "self.current(index).filter(|_| *identity == graph.shape.identities[index])",
-         "self.current(index).filter(|_| identity.0.len() == graph.shape.identity.0.len())"),
+         "self.current(index).filter(|_| *identity == graph.shape().identities[index])",
+         "self.current(index).filter(|_| identity.0.len() == graph.shape().identity.0.len())"),
     ]),
     ("whether all that it hangs on is the same, where a node is", [
         ("src/engine/eval/plan.rs",
