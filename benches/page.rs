@@ -23,7 +23,7 @@ use serde_json::{Value as Json, json};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
-#[path = "../tests/commands/browser.rs"]
+#[path = "../tests/page/browser.rs"]
 #[expect(dead_code, reason = "tests press keys, too")]
 mod browser;
 

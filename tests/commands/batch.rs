@@ -9,6 +9,7 @@ use std::time::Duration;
 use serde_json::Value as Json;
 
 use crate::project::Project;
+use crate::thorough::is_thorough;
 
 const SWEEP: &str = r#"Sweep(
     graph: "doll.ron",
@@ -316,7 +317,8 @@ fn a_killed_run_loses_nothing_that_was_done() {
     let (hashes, all) = (hashes(&whole), names(&whole, |_| true));
     let seconds = whole["seconds"].as_f64().unwrap();
     let mut seen = BTreeSet::new();
-    for moment in 0..20 {
+    let moments = if is_thorough() { 20 } else { 8 };
+    for moment in 0..moments {
         fs::remove_dir_all(project.folder().join("all")).unwrap();
         // Half of the times the results are not known either.
         if moment % 2 == 0 {
@@ -324,7 +326,9 @@ fn a_killed_run_loses_nothing_that_was_done() {
         }
         let words = ["batch", "doll.sweep.ron", "--out", "all", "--threads", "1"];
         let mut child = project.command(&words).stdout(Stdio::null()).spawn().unwrap();
-        std::thread::sleep(Duration::from_secs_f64(seconds * f64::from(moment) / 20.0));
+        std::thread::sleep(Duration::from_secs_f64(
+            seconds * f64::from(moment) / f64::from(moments),
+        ));
         child.kill().unwrap();
         child.wait().unwrap();
         let before = recorded(&project.folder().join("all/tasks"));

@@ -1,7 +1,6 @@
 //! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
 
 mod cases;
-mod drafts;
 mod each;
 mod help;
 mod merging;

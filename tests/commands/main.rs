@@ -4,20 +4,16 @@ mod at_once;
 mod batch;
 mod blessing;
 mod builds;
-mod canvas;
 mod command_line;
 mod doctor;
 mod faults;
 mod handover;
-mod hands;
 mod language;
 mod lsp;
 mod moves;
 mod new;
 mod nothing_is_lost;
-mod page;
 mod pictures;
-mod preview;
 mod real_scans;
 mod remote;
 mod reuse;
@@ -31,7 +27,9 @@ mod watch;
 
 #[path = "../common/beside.rs"]
 mod beside;
-mod browser;
 mod editors;
+#[path = "../common/project.rs"]
+#[allow(dead_code, reason = "some of it is for the tests of the live page")]
 mod project;
-mod seen;
+#[path = "../common/thorough.rs"]
+mod thorough;

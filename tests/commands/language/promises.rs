@@ -5,30 +5,6 @@ use maquette::value::Image;
 use serde_json::{Value as Json, json};
 
 use crate::project::Project;
-use crate::seen::Seen;
-
-/// Of a graph whose node wants a closed mesh and gets one with a hole of three edges.
-fn project() -> Project {
-    let project = Project::doll();
-    let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
-    std::fs::write(project.folder().join("open.obj"), open).unwrap();
-    let lib = r#"Graph(
-    format: 1,
-    inputs: { "skin": Mesh(doc: "It.", wants: [Closed]) },
-    nodes: { "it": Transform(mesh: "skin") },
-    outputs: { "skin": "it" },
-)"#;
-    std::fs::write(project.folder().join("lib.ron"), lib).unwrap();
-    project.save(
-        r#"Graph(
-    format: 1,
-    use: { "Lib": "lib.ron" },
-    nodes: { "open": ReadMesh(path: "open.obj"), "whole": Lib(skin: "open") },
-    outputs: { "whole.ply": "whole" },
-)"#,
-    );
-    project
-}
 
 /// How many pixels of a picture have the color of marks.
 fn red(picture: &Image) -> usize {
@@ -37,7 +13,7 @@ fn red(picture: &Image) -> usize {
 
 #[test]
 fn inspect_lists_and_marks_the_elements() {
-    let project = project();
+    let project = Project::with_a_hole();
     let picture = || png::read(&std::fs::read(project.folder().join("open.png")).unwrap()).unwrap();
     let done = project.maquette(&["inspect", "doll.ron", "open", "--out", "open.png"]);
     let text = String::from_utf8(done.stdout).unwrap();
@@ -64,7 +40,7 @@ fn inspect_lists_and_marks_the_elements() {
 
 #[test]
 fn the_command_that_shows_the_elements_has_the_values_of_the_run() {
-    let project = project();
+    let project = Project::with_a_hole();
     let text = std::fs::read_to_string(project.graph()).unwrap();
     let text = text
         .replace("    nodes:", "    params: { \"file\": Text(default: \"a b.obj\") },\n    nodes:");
@@ -75,31 +51,4 @@ fn the_command_that_shows_the_elements_has_the_values_of_the_run() {
     let told = String::from_utf8(run.stderr).unwrap();
     let command = "`maquette inspect doll.ron open --set 'file=an open one.obj' --out look.png`";
     assert!(told.contains(command), "{told}");
-}
-
-#[test]
-fn a_page_lists_and_marks_them_too_and_looks_at_one_that_is_clicked() {
-    let project = project();
-    let wanted = std::fs::read_to_string(project.graph()).unwrap();
-    project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
-    let Some(mut seen) = Seen::of(project) else { return };
-    seen.view("open", "mesh");
-    let before = seen.canvas();
-    assert_eq!(red(&before), 0);
-    seen.project.save(&wanted);
-    seen.browser.wait("document.querySelectorAll('#broken ul li').length === 3");
-    let marked = seen.canvas_after(&before);
-    assert!(200 < red(&marked), "{}", red(&marked));
-    let words = seen.browser.ask("document.querySelector('#broken b').textContent");
-    let words = words.as_str().unwrap();
-    let expected = "is not Closed, which is asked by input `skin` of `whole`: it has 3 edges";
-    assert!(words.starts_with(expected), "{words}");
-    // The third one comes into the middle.
-    seen.browser.ask("document.querySelectorAll('#broken button')[2].click()");
-    seen.canvas_after(&marked);
-    seen.browser.wait("/camera=0,0,1,0,0.5,0.5,/.test(location.hash)");
-    // What is mended is not marked any more.
-    seen.project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
-    seen.browser.wait("document.querySelectorAll('#broken li').length === 0");
-    seen.served.watch.end();
 }

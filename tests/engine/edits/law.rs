@@ -17,7 +17,7 @@ use crate::beside::beside;
 use crate::ron_files::ron_files;
 
 /// How many edits are tried on each graph, unless `LAW_EDITS` says otherwise.
-const EDITS: u32 = 40;
+const EDITS: u32 = 20;
 
 /// So many follow each other before the next ones begin with the graph as it is.
 const WALK: usize = 8;

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::ron_files::ron_files;
 
 /// How many pairs of edits are tried on each graph, unless `LAW_EDITS` says otherwise.
-const EDITS: u32 = 16;
+const EDITS: u32 = 4;
 
 /// What a piece of a text is.
 #[derive(Clone, Copy, PartialEq)]

@@ -49,6 +49,29 @@ impl Project {
         project
     }
 
+    /// A graph whose node wants a closed mesh and gets one with a hole of three edges.
+    pub(crate) fn with_a_hole() -> Self {
+        let project = Self::doll();
+        let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
+        std::fs::write(project.folder().join("open.obj"), open).unwrap();
+        let lib = r#"Graph(
+    format: 1,
+    inputs: { "skin": Mesh(doc: "It.", wants: [Closed]) },
+    nodes: { "it": Transform(mesh: "skin") },
+    outputs: { "skin": "it" },
+)"#;
+        std::fs::write(project.folder().join("lib.ron"), lib).unwrap();
+        project.save(
+            r#"Graph(
+    format: 1,
+    use: { "Lib": "lib.ron" },
+    nodes: { "open": ReadMesh(path: "open.obj"), "whole": Lib(skin: "open") },
+    outputs: { "whole.ply": "whole" },
+)"#,
+        );
+        project
+    }
+
     pub(crate) fn doll_text(&self, growth: f64) -> String {
         let text = std::fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).unwrap();
         text.replace("default: 12.0", &format!("default: {growth:.1}"))

@@ -1,0 +1,38 @@
+//! What a value is wanted to be and is not is listed and marked on the page.
+
+use maquette::value::Image;
+
+use crate::project::Project;
+use crate::seen::Seen;
+
+/// How many pixels of a picture have the color of marks.
+fn red(picture: &Image) -> usize {
+    picture.pixels().iter().filter(|[r, g, b]| 120 < *r && *g < r / 3 && *b < r / 3).count()
+}
+
+#[test]
+fn a_page_lists_and_marks_them_too_and_looks_at_one_that_is_clicked() {
+    let project = Project::with_a_hole();
+    let wanted = std::fs::read_to_string(project.graph()).unwrap();
+    project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
+    let Some(mut seen) = Seen::of(project) else { return };
+    seen.view("open", "mesh");
+    let before = seen.canvas();
+    assert_eq!(red(&before), 0);
+    seen.project.save(&wanted);
+    seen.browser.wait("document.querySelectorAll('#broken ul li').length === 3");
+    let marked = seen.canvas_after(&before);
+    assert!(200 < red(&marked), "{}", red(&marked));
+    let words = seen.browser.ask("document.querySelector('#broken b').textContent");
+    let words = words.as_str().unwrap();
+    let expected = "is not Closed, which is asked by input `skin` of `whole`: it has 3 edges";
+    assert!(words.starts_with(expected), "{words}");
+    // The third one comes into the middle.
+    seen.browser.ask("document.querySelectorAll('#broken button')[2].click()");
+    seen.canvas_after(&marked);
+    seen.browser.wait("/camera=0,0,1,0,0.5,0.5,/.test(location.hash)");
+    // What is mended is not marked any more.
+    seen.project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
+    seen.browser.wait("document.querySelectorAll('#broken li').length === 0");
+    seen.served.watch.end();
+}
