@@ -59,7 +59,8 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
     let (old, new) = (expected("12"), expected("20"));
     run("12", cache.path(), out.path());
     let mut state = 0x9e37_79b9_7f4a_7c15;
-    for round in 0..if is_thorough() { 200 } else { 60 } {
+    let rounds = if is_thorough() { 200 } else { 60 };
+    for round in 0..rounds {
         // Some of them find nothing in the cache, so that they are killed while they compute and while they write it.
         if round % 20 == 0 && cache.path().exists() {
             fs::remove_dir_all(cache.path()).unwrap();
