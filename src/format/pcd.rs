@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use super::finite::{self, Finite};
 use super::rows::{fill_blocks, fill_column};
-use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
+use super::{At, TooFar, check_single, excerpt, most_memory, parse, real, words};
 
 mod header;
 mod lzf;
@@ -304,8 +304,8 @@ fn ascii(
 fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
     let number = match field.scalar {
         // Single precision is read as such: twice rounded is not always rightly rounded.
-        Scalar::F32 => parse::<f32>(word).map(f64::from),
-        _ => parse(word),
+        Scalar::F32 => real::<f32>(word).map(f64::from),
+        _ => real(word),
     };
     number.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
 }
@@ -313,7 +313,7 @@ fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
 fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
     let bits = match field.scalar {
         // A packed color that is a NaN has lost its bits in a text.
-        Scalar::F32 => parse::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
+        Scalar::F32 => real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
         Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
         _ => parse(word),
     };

@@ -12,7 +12,7 @@ use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
 use super::range_file::{RangeFile, Rows};
-use super::{camera, check_single, excerpt, parse, words};
+use super::{camera, check_single, excerpt, parse, real, words};
 
 /// Why bytes are not a range grid in a PTX file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -154,7 +154,7 @@ fn read_point((text, line): (&[u8], usize)) -> Result<(Point3<f64>, Option<Rgb>)
     let mut place = [0.0; 4];
     for (found, number) in place.iter_mut().enumerate() {
         let word = words.next().ok_or(PtxError::Count { line, found, expected: 4 })?;
-        *number = parse(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
+        *number = real(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
     }
     let mut color = [0; 3];
     let mut found = 0;

@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::finite::{self, Finite};
-use super::{check_single, coarse, excerpt, parse, words};
+use super::{check_single, coarse, excerpt, real, words};
 
 /// Why bytes are not points in an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -113,7 +113,7 @@ fn numbers(text: &[u8], line: usize) -> Result<([f64; 6], usize), XyzError> {
     }
     let parts = text.split(|&byte| byte == b',').flat_map(words);
     for word in parts {
-        let number = parse(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?;
+        let number = real(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?;
         if let Some(place) = numbers.get_mut(found) {
             *place = number;
         }
