@@ -29,6 +29,15 @@ impl Finite {
         self.0.iter().flatten().filter(|finite| !**finite).count()
     }
 
+    /// Drops the entries of those that are not.
+    pub(super) fn retain<T>(&self, entries: &mut Vec<T>) {
+        let mut index = 0;
+        entries.retain(|_| {
+            index += 1;
+            self.contains(index - 1)
+        });
+    }
+
     /// The points at those that are.
     pub(super) fn points(&self, points: Points) -> Points {
         let Some(finite) = &self.0 else { return points };
