@@ -17,7 +17,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
         let path = entry.unwrap().path();
         match path.extension().and_then(|ending| ending.to_str()) {
             None => files(&path, found),
-            Some("ply" | "obj" | "stl" | "glb" | "gltf") => found.push(path),
+            Some("ply" | "obj" | "stl" | "glb" | "gltf" | "xyz" | "pcd" | "ptx") => found.push(path),
             Some(_) => {}
         }
     }
@@ -88,7 +88,7 @@ fn files_of_other_programs_are_read_or_refused_with_the_way_out_and_what_is_lost
         };
         let file = Reading::new(name, &bytes, &beside);
         tell(crate::read::<Mesh>(&file).map(|read| mesh(&read)), &file);
-        if name.ends_with("ply") {
+        if ["ply", "xyz", "pcd", "ptx"].iter().any(|ending| name.ends_with(ending)) {
             let file = Reading::new(name, &bytes, &beside);
             tell(crate::read::<Points>(&file).map(|read| points(&read)), &file);
         }
