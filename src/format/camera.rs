@@ -21,6 +21,8 @@ pub struct CameraFile {
     pub world_from_camera: Option<Matrix4<f64>>,
     /// Steps of a depth map of whole numbers in a millimeter, if the file says so.
     pub depth_per_mm: Option<f64>,
+    /// What a depth map has where there is no depth, beside 0.
+    pub no_depth: Option<f64>,
 }
 
 /// One camera of a capture.
@@ -103,7 +105,8 @@ pub enum CameraError {
 /// The cameras in a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole `fx fy cx cy` and, if
 /// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
 /// file that has a pinhole at its top, or in `camera`, means both cameras by it; one that has only `range` says nothing of a
-/// picture. For depth maps `depth_png.units_per_mm` or `depth_units_per_metre` says how fine their steps are. Other keys are passed
+/// picture. For depth maps `depth_png.units_per_mm` or `depth_units_per_metre` says how fine their steps are, and `depth_png.invalid`
+/// what stands where there is no depth. Other keys are passed
 /// over.
 ///
 /// Open3D's files of intrinsics are understood too: `width`, `height` and `intrinsic_matrix`, 9 numbers column by column.
@@ -125,6 +128,7 @@ pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
         units: file.get("units").and_then(Value::as_str).map(str::to_owned),
         world_from_camera: pose_rows.map(pose).transpose()?,
         depth_per_mm: depth_scale(&file)?,
+        no_depth: file.get("depth_png").and_then(|depth| depth.get("invalid")?.as_f64()),
     })
 }
 

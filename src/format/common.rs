@@ -126,6 +126,27 @@ pub(crate) fn parse<T: std::str::FromStr>(token: &[u8]) -> Option<T> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
+/// A coordinate in a text, if it is one. What is not a number is spelled in many ways: `nan`, `-nan(ind)` and `1.#QNAN` are NaN, `inf` and
+/// `-1.#INF` infinite.
+pub(crate) fn real<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> {
+    parse(token).or_else(|| {
+        let (sign, digits) = match token {
+            [b'-', digits @ ..] => (-1.0, digits),
+            [b'+', digits @ ..] | digits => (1.0, digits),
+        };
+        let starts = |word: &str| {
+            digits.get(..word.len()).is_some_and(|it| it.eq_ignore_ascii_case(word.as_bytes()))
+        };
+        if starts("nan(") || starts("nanq") || starts("nans") {
+            return Some(f32::NAN.into());
+        }
+        // As the C library of Windows prints them: a digit, `.#`, and what it is.
+        let [b'0'..=b'9', b'.', b'#', kind @ ..] = digits else { return None };
+        let is_infinite = kind.starts_with(b"INF") || kind.starts_with(b"inf");
+        Some(if is_infinite { sign * f32::INFINITY } else { f32::NAN }.into())
+    })
+}
+
 /// The words of a line.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())

@@ -1,9 +1,11 @@
 //! Corners of faces: collecting them from a file, and telling vertices apart that carry different data at different faces.
 
+use std::collections::HashMap;
+
 use maquette_value::{Attribute, Column, Faces, Mesh, MeshError};
 
 /// The faces of a file, collected one by one and cleaned of corners that repeat the vertex before them: exporters write such
-/// corners where a quad has shrunk to a triangle.
+/// corners where a quad has shrunk to a triangle. A face that comes back to a vertex is cut there into several.
 #[derive(Default)]
 pub(super) struct FaceList {
     sides: Vec<usize>,
@@ -11,6 +13,10 @@ pub(super) struct FaceList {
     /// For each corner kept, its index among all corners that the file has.
     origins: Vec<usize>,
     seen: usize,
+    /// Faces without three different corners, which are left out.
+    thin: usize,
+    /// Faces that were cut.
+    cut: usize,
 }
 
 impl FaceList {
@@ -19,12 +25,12 @@ impl FaceList {
             sides: Vec::with_capacity(faces),
             corners: Vec::with_capacity(3 * faces),
             origins: Vec::with_capacity(3 * faces),
-            seen: 0,
+            ..Self::default()
         }
     }
 
-    /// Adds a face; one that keeps fewer than three corners is left out. Says whether it is kept.
-    pub(super) fn push(&mut self, vertices: &[u32]) -> bool {
+    /// Adds a face, as one or, if it comes back to a vertex, several; those of fewer than three corners are left out. Says how many there are.
+    pub(super) fn push(&mut self, vertices: &[u32]) -> usize {
         let before = self.corners.len();
         for (k, &vertex) in vertices.iter().enumerate() {
             let predecessor = if k == 0 { vertices.len() - 1 } else { k - 1 };
@@ -34,23 +40,84 @@ impl FaceList {
             }
         }
         self.seen += vertices.len();
-        match self.corners.len() - before {
+        let faces = match self.corners.len() - before {
             0..3 => {
                 self.corners.truncate(before);
                 self.origins.truncate(before);
-                false
+                0
             }
-            sides => {
+            sides if !repeats(&self.corners[before..]) => {
                 self.sides.push(sides);
-                true
+                1
             }
+            _ => self.cut(before),
+        };
+        self.thin += usize::from(faces == 0);
+        faces
+    }
+
+    /// Cuts the face whose corners begin at `before` wherever it comes back to a vertex. Says how many faces that makes.
+    fn cut(&mut self, before: usize) -> usize {
+        let corners = self.corners.split_off(before);
+        let origins = self.origins.split_off(before);
+        let faces = self.sides.len();
+        // The corners since the last cut, and where each vertex is among them.
+        let mut open: Vec<(u32, usize)> = Vec::new();
+        let mut places = HashMap::new();
+        for (vertex, origin) in corners.into_iter().zip(origins) {
+            if let Some(&start) = places.get(&vertex) {
+                self.push_ring(&open[start..]);
+                for (vertex, _) in open.drain(start..) {
+                    places.remove(&vertex);
+                }
+            }
+            places.insert(vertex, open.len());
+            open.push((vertex, origin));
         }
+        self.push_ring(&open);
+        let faces = self.sides.len() - faces;
+        self.cut += usize::from(faces > 0);
+        faces
+    }
+
+    /// Adds a face of these vertices and origins, which are all different, unless they are fewer than three.
+    fn push_ring(&mut self, ring: &[(u32, usize)]) {
+        if ring.len() >= 3 {
+            self.sides.push(ring.len());
+            self.corners.extend(ring.iter().map(|(vertex, _)| vertex));
+            self.origins.extend(ring.iter().map(|(_, origin)| origin));
+        }
+    }
+
+    /// What a user should know of the faces so far.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let thin = (self.thin > 0).then(|| match self.thin {
+            1 => "1 face is left out: it has fewer than three different corners".to_owned(),
+            more => {
+                format!("{more} faces are left out: they have fewer than three different corners")
+            }
+        });
+        let cut = (self.cut > 0).then(|| match self.cut {
+            1 => "1 face meets a vertex twice, and is cut there".to_owned(),
+            more => format!("{more} faces meet a vertex twice, and are cut there"),
+        });
+        thin.into_iter().chain(cut).collect()
     }
 
     /// The faces, and for each corner its index among all corners that were given.
     pub(super) fn finish(self) -> Result<(Faces, Vec<usize>), MeshError> {
         Ok((Faces::polygons(&self.sides, self.corners)?, self.origins))
     }
+}
+
+/// Whether a vertex is there twice.
+fn repeats(vertices: &[u32]) -> bool {
+    if vertices.len() <= 16 {
+        return (1..vertices.len()).any(|k| vertices[..k].contains(&vertices[k]));
+    }
+    let mut sorted = vertices.to_vec();
+    sorted.sort_unstable();
+    sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 
 /// The data of corners as data of vertices, if no vertex has two different ones; `none` for a vertex of no face.
@@ -137,6 +204,25 @@ mod tests {
         let (faces, origins) = faces.finish().unwrap();
         assert_eq!(faces.iter().collect::<Vec<_>>(), [[0, 1, 2], [2, 1, 3]]);
         assert_eq!(origins, [0, 1, 3, 8, 9, 10]);
+    }
+
+    #[test]
+    fn a_face_that_comes_back_to_a_vertex_is_cut_there() {
+        let mut faces = FaceList::default();
+        assert_eq!(faces.push(&[0, 1, 2, 3, 1, 4]), 2);
+        // There and back is no face.
+        assert_eq!(faces.push(&[0, 1, 2, 1]), 0);
+        assert_eq!(faces.push(&[5, 6, 7]), 1);
+        assert_eq!(
+            faces.notes(),
+            [
+                "1 face is left out: it has fewer than three different corners",
+                "1 face meets a vertex twice, and is cut there",
+            ]
+        );
+        let (faces, origins) = faces.finish().unwrap();
+        assert_eq!(faces.iter().collect::<Vec<_>>(), [&[1, 2, 3], &[0, 1, 4], &[5, 6, 7]]);
+        assert_eq!(origins, [1, 2, 3, 0, 4, 5, 10, 11, 12]);
     }
 
     #[test]

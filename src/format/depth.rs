@@ -47,7 +47,7 @@ pub enum DepthError {
     },
 }
 
-/// The points of a depth map, seen by the camera's range pinhole. A depth of 0, below 0 or not finite is a hole.
+/// The points of a depth map, seen by the camera's range pinhole. A depth of 0, below 0, not finite or `depth_png.invalid` is a hole.
 ///
 /// Depths are z, not distances along rays, in steps of `depth_png.units_per_mm` of the camera file; if that is not given, the
 /// unit is not known. A TIFF of floats has whole units: such a scale is only for whole numbers.
@@ -73,7 +73,8 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     let unit = camera.depth_per_mm.filter(|_| whole).map(|steps| 1.0 / steps);
     let pinhole = camera.range.pinhole;
     let point = |(cell, &z): (usize, &f64)| {
-        let z = if z > 0.0 { z } else { f64::NAN };
+        let is_none = z <= 0.0 || camera.no_depth == Some(z);
+        let z = if is_none { f64::NAN } else { z };
         pinhole.unproject([(cell % width) as f64, (cell / width) as f64], z)
     };
     let points = depths.iter().enumerate().map(point).collect();
@@ -294,8 +295,12 @@ mod tests {
             assert!((again.points()[cell].z - point.z).abs() <= 0.01 + 1e-12);
             assert!((again.points()[cell] - point).norm() <= 0.0101);
         }
-        // Open3D's readers take the matrix alone.
+        // The first depth, 600 mm, stands for none.
         let text = String::from_utf8(files[1].bytes.clone()).unwrap();
+        let none = text.replacen("\"invalid\": 0", "\"invalid\": 30000", 1);
+        let one_less = read(&files[0].bytes, Some(&camera::read(none.as_bytes()).unwrap())).unwrap();
+        assert_eq!(one_less.range.n_valid(), 46);
+        // Open3D's readers take the matrix alone.
         let matrix = text.replace("\"range\"", "\"r\"").replace("\"color\"", "\"c\"");
         assert_eq!(camera::read(matrix.as_bytes()).unwrap().range, grid);
     }

@@ -19,9 +19,23 @@ impl Finite {
         Self(Some(finite))
     }
 
+    /// Whether that of this number is.
+    pub(super) fn contains(&self, index: usize) -> bool {
+        self.0.as_ref().is_none_or(|finite| finite[index])
+    }
+
     /// How many are not.
     pub(super) fn n_left_out(&self) -> usize {
         self.0.iter().flatten().filter(|finite| !**finite).count()
+    }
+
+    /// Drops the entries of those that are not.
+    pub(super) fn retain<T>(&self, entries: &mut Vec<T>) {
+        let mut index = 0;
+        entries.retain(|_| {
+            index += 1;
+            self.contains(index - 1)
+        });
     }
 
     /// The points at those that are.
@@ -39,6 +53,30 @@ impl Finite {
         let kept = Vec::from_iter(kept.map(|(index, _)| index));
         (mesh.select(&kept), mesh.faces().len() - kept.len())
     }
+}
+
+/// Puts zeros in place of entries of an attribute that are NaN or infinite, which stand for none, and gives what is told of those that
+/// are kept.
+pub(super) fn mend<const N: usize>(
+    entries: &mut [[f64; N]],
+    name: &str,
+    of: &str,
+    is_kept: impl Fn(usize) -> bool,
+) -> Option<String> {
+    let mut broken = 0;
+    for (index, entry) in entries.iter_mut().enumerate() {
+        if entry.iter().any(|x| !x.is_finite()) {
+            *entry = [0.0; N];
+            broken += usize::from(is_kept(index));
+        }
+    }
+    (broken > 0).then(|| match broken {
+        1 => format!("`{name}` of 1 {of} is NaN or infinite: there is a zero in place of it"),
+        more => {
+            let of = if of == "vertex" { "vertices".to_owned() } else { format!("{of}s") };
+            format!("`{name}` of {more} {of} is NaN or infinite: there are zeros in place of it")
+        }
+    })
 }
 
 /// What is told of so many that are left out, if any: `what` is the word for one.

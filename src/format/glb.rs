@@ -29,6 +29,7 @@ mod scene;
 pub use gltf::GltfError;
 pub(crate) use gltf::MeshGltf;
 pub use read::{GlbReadError, read};
+use read::{pictures, read_noted};
 
 /// Why a mesh cannot be written as GLB.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -369,8 +370,14 @@ impl FileReader for MeshGlb {
     const ENDINGS: &'static [&'static str] = &["glb"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
-        Ok(read(file.bytes())?)
+        let (mesh, notes) = read_noted(file.bytes(), &|uri| gltf::content(uri, file))?;
+        notes.into_iter().for_each(|note| file.doubt(note));
+        Ok(mesh)
     }
+
+    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
+        pictures(file.bytes()).iter().for_each(|uri| drop(gltf::content(uri, file)));
+    });
 }
 
 #[cfg(test)]

@@ -32,6 +32,7 @@ pub mod xyz;
 
 #[cfg(test)]
 mod chosen;
+mod colors;
 mod common;
 mod corners;
 mod finite;
@@ -39,6 +40,8 @@ mod finite;
 mod hostile;
 mod json;
 mod lists;
+#[cfg(test)]
+mod others;
 mod rows;
 mod step;
 mod surface;
@@ -48,6 +51,7 @@ mod zip;
 
 pub use common::{At, TooFar};
 pub(crate) use common::{
-    BLOCK, check_mesh, check_single, coarse, coarse_mesh, excerpt, most_memory, open, parse, words,
+    BLOCK, check_mesh, check_single, coarse, coarse_mesh, excerpt, most_memory, open, parse, real,
+    words,
 };
 pub use lists::{FORMATS, PACK, READERS, read};

@@ -12,9 +12,10 @@ use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::colors::Range;
 use super::finite::{self, Finite};
 use super::rows::{fill_blocks, fill_column};
-use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
+use super::{At, TooFar, check_single, excerpt, most_memory, parse, real, words};
 
 mod header;
 mod lzf;
@@ -152,28 +153,48 @@ pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
     })
 }
 
-/// The points of a PCD file, organized or not, with their colors and normals (`normal_x normal_y normal_z`); and how many were left out, since
-/// a coordinate is NaN or infinite.
-fn read_points(bytes: &[u8]) -> Result<(Points, usize), PcdError> {
+/// The points of a PCD file, organized or not, with their colors (`rgb`, or `r g b`) and normals (`normal_x normal_y normal_z`, or `nx ny nz`); all other
+/// fields become numbers of their names. And what the user should know of what is left out or understood in one of several ways.
+fn read_points(bytes: &[u8]) -> Result<(Points, Vec<String>), PcdError> {
     let header = header::read(bytes)?;
     let (mut places, colors) = cells(&header, bytes, Point3::from)?;
     let finite = Finite::of(&mut places);
+    let mut notes = Vec::from_iter(finite::doubt(finite.n_left_out(), "point"));
+    if header.has_viewpoint {
+        notes.push("VIEWPOINT is left out: points are read at the places that the file has for them".to_owned());
+    }
     let mut points = Points::new(places).expect("places are finite");
     let of_each = "an entry was read for each point";
+    let three = |fields: [Field; 3]| {
+        let only = Header { place: fields, color: None, others: Vec::new(), ..header };
+        Ok::<_, PcdError>(cells(&only, bytes, Point3::from)?.0)
+    };
     if header.color.is_some() {
         points = points.with_attribute("color", Attribute::Color(colors.into())).expect(of_each);
+    } else if let Some(fields) = header.channels {
+        let channels = three(fields)?;
+        let all = || channels.iter().flat_map(|color| color.iter().copied());
+        let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
+        notes.extend(range.note(Range::Byte));
+        let color = |color: &Point3<f64>| [color.x, color.y, color.z].map(|channel| range.byte(channel));
+        let colors = channels.iter().map(color).collect();
+        points = points.with_attribute("color", Attribute::Color(colors)).expect(of_each);
     }
-    if let Some(normal) = header.normal {
-        let (normals, _) =
-            cells(&Header { place: normal, color: None, ..header }, bytes, Point3::from)?;
-        let normals = normals.iter().map(|normal| normal.coords.into());
+    if let Some(fields) = header.normal {
         // Who could not tell a normal wrote NaN.
-        let normals =
-            normals.map(|n: [f64; 3]| if n.iter().all(|x| x.is_finite()) { n } else { [0.0; 3] });
-        points =
-            points.with_attribute("normal", Attribute::Vector(normals.collect())).expect(of_each);
+        let mut normals = Vec::from_iter(three(fields)?.iter().map(|normal| normal.coords.into()));
+        notes.extend(finite::mend(&mut normals, "normal", "point", |index| finite.contains(index)));
+        points = points.with_attribute("normal", Attribute::Vector(normals.into())).expect(of_each);
     }
-    Ok((finite.points(points), finite.n_left_out()))
+    for some in header.others.chunks(3) {
+        let field = |k: usize| some.get(k).unwrap_or(&some[0]).1;
+        let numbers = three([0, 1, 2].map(field))?;
+        for (k, (name, _)) in some.iter().enumerate() {
+            let column = numbers.iter().map(|numbers| numbers[k]).collect();
+            points = points.with_attribute(name, Attribute::Number(column)).expect(of_each);
+        }
+    }
+    Ok((finite.points(points), notes))
 }
 
 /// All points and colors; `place` makes a point of three coordinates.
@@ -304,8 +325,8 @@ fn ascii(
 fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
     let number = match field.scalar {
         // Single precision is read as such: twice rounded is not always rightly rounded.
-        Scalar::F32 => parse::<f32>(word).map(f64::from),
-        _ => parse(word),
+        Scalar::F32 => real::<f32>(word).map(f64::from),
+        _ => real(word),
     };
     number.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
 }
@@ -313,7 +334,7 @@ fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
 fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
     let bits = match field.scalar {
         // A packed color that is a NaN has lost its bits in a text.
-        Scalar::F32 => parse::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
+        Scalar::F32 => real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
         Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
         _ => parse(word),
     };
@@ -329,8 +350,8 @@ impl FileReader for PointsPcd {
     const ENDINGS: &'static [&'static str] = &["pcd"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        let (points, left_out) = read_points(file.bytes())?;
-        finite::tell(file, left_out, "point");
+        let (points, notes) = read_points(file.bytes())?;
+        notes.into_iter().for_each(|note| file.doubt(note));
         Ok(points)
     }
 }
@@ -501,8 +522,10 @@ mod tests {
     fn a_list_of_points_is_read_with_colors_and_normals_and_without_what_is_nowhere() {
         let file = b"FIELDS x y z rgb normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4 4\nTYPE F F F U F F F\nWIDTH 3\nHEIGHT 1\n\
             DATA ascii\n1 2 0 65280 0 0 1\nnan 0 0 0 0 0 1\n4 5 6 255 nan nan nan\n";
-        let (points, left_out) = read_points(file).unwrap();
-        assert_eq!(left_out, 1);
+        let (points, notes) = read_points(file).unwrap();
+        let left_out = "1 point is left out: a coordinate is NaN or infinite";
+        let no_normal = "`normal` of 1 point is NaN or infinite: there is a zero in place of it";
+        assert_eq!(notes, [left_out, no_normal]);
         assert_eq!(
             points.positions()[..],
             [Point3::new(1.0, 2.0, 0.0), Point3::new(4.0, 5.0, 6.0)]
@@ -511,11 +534,24 @@ mod tests {
         assert_eq!(points.attributes().vectors("normal").unwrap()[..], [[0.0, 0.0, 1.0], [0.0; 3]]);
         let file = Reading::alone("a.pcd", file);
         PointsPcd::read(&file).unwrap();
-        assert_eq!(file.doubts(), ["1 point is left out: a coordinate is NaN or infinite"]);
-        assert_eq!(
-            read_points(COMPRESSED).unwrap().0.positions().len(),
-            48 - read_points(COMPRESSED).unwrap().1
-        );
+        assert_eq!(file.doubts(), [left_out, no_normal]);
+        let holes = grid().iter().filter(|point| point.is_none()).count();
+        assert_eq!(read_points(COMPRESSED).unwrap().0.positions().len(), 48 - holes);
+    }
+
+    #[test]
+    fn fields_of_any_name_become_numbers_and_fillers_none() {
+        let file = b"FIELDS x y z r g b _ ring histogram nx ny nz\nSIZE 4 4 4 1 1 1 1 2 4 4 4 4\nTYPE F F F U U U U U F F F F\nCOUNT 1 1 1 1 1 1 2 1 2 1 1 1\n\
+            WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 5 1 0 0 0\nDATA ascii\n1 2 0 255 0 0 9 9 7 .5 .25 0 0 1\n3 4 5 10 20 30 9 9 8 1 2 0 1 0\n";
+        let (points, notes) = read_points(file).unwrap();
+        let attributes = points.attributes();
+        assert_eq!(attributes.colors("color").unwrap()[..], [[255, 0, 0], [10, 20, 30]]);
+        assert_eq!(attributes.vectors("normal").unwrap()[1], [0.0, 1.0, 0.0]);
+        let number = |name: &str| attributes.get(name).cloned();
+        assert_eq!(number("ring"), Some(Attribute::Number(vec![7.0, 8.0].into())));
+        assert_eq!(number("histogram_1"), Some(Attribute::Number(vec![0.25, 2.0].into())));
+        assert_eq!(attributes.iter().count(), 5);
+        assert_eq!(notes.len(), 1, "{notes:?}");
     }
 
     #[test]

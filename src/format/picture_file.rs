@@ -8,7 +8,7 @@ use ::image::codecs::hdr::HdrDecoder;
 use ::image::codecs::openexr::OpenExrDecoder;
 use ::image::codecs::webp::WebPDecoder;
 use maquette_node::reading::{FileReader, Reading};
-use maquette_value::{Image, Mask, Rgb};
+use maquette_value::{Image, Mask, Mesh, Rgb};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
@@ -78,6 +78,26 @@ impl Kind {
         // Sounds and films are RIFF files, too.
         let is_it = |kind: &Self| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP");
         starts.next().map(|&(_, kind)| kind).filter(is_it)
+    }
+}
+
+/// The mesh with the picture that its file names, if the picture is there and the mesh has texture coordinates; else the user is told.
+pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &Reading<'_>) -> Mesh {
+    if mesh.vertex().pairs("uv").is_none() && mesh.corner().pairs("uv").is_none() {
+        file.doubt(format!(
+            "the picture `{name}` is left out: the mesh has no texture coordinates"
+        ));
+        return mesh;
+    }
+    let image = file
+        .companion(name)
+        .and_then(|bytes| read(&bytes).map_err(|error| format!("{name}: {error}")));
+    match image {
+        Ok(image) => mesh.with_texture(Some(image)),
+        Err(why) => {
+            file.doubt(format!("{why}: the mesh comes without its picture"));
+            mesh
+        }
     }
 }
 

@@ -12,8 +12,9 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::At;
+use super::colors::Range;
 use super::corners::with_corners;
-use super::finite::Finite;
+use super::finite::{self, Finite};
 
 mod body;
 mod faces;
@@ -149,37 +150,76 @@ pub enum PlyError {
 /// The mesh in a PLY file; a point cloud is a mesh without faces. Faces at vertices that are at no finite place are left out.
 ///
 /// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
-/// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
-/// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. What a file of [`encode`] says of its properties in comments is
+/// `uv`; three that are called like colors the colors `color`; `filled` as `uchar` flags; every other
+/// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. Colors are `red green blue`,
+/// `diffuse_red diffuse_green diffuse_blue`, or whole numbers `r g b`, in small or capital letters; whether they go to 1, 255 or 65535 the largest of them says. What a file of [`encode`] says of its properties in comments is
 /// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` or `corner_uv` of faces become the pairs `uv` per corner if all
-/// faces have them, and their other properties become attributes of faces as those of vertices do. Elements other than `vertex` and `face` are passed over.
+/// faces have them, and their other properties become attributes of faces as those of vertices do. Lists of `tristrips` are strips of triangles, ended by -1.
+/// Other elements are passed over.
 ///
 /// # Errors
 /// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
-    let (mesh, finite) = read_whole(bytes)?;
+    let Contents { mesh, finite, .. } = read_whole(bytes)?;
     Ok(finite.mesh(mesh).0)
 }
 
-/// The mesh in a PLY file, and which of its vertices are at finite places.
-fn read_whole(bytes: &[u8]) -> Result<(Mesh, Finite), PlyError> {
+/// What is in a PLY file.
+struct Contents {
+    mesh: Mesh,
+    /// Which of its vertices are at finite places.
+    finite: Finite,
+    /// What the user should know of what is left out or understood in one of several ways,
+    notes: Vec<String>,
+    /// and of faces.
+    face_notes: Vec<String>,
+    /// The names of its pictures.
+    pictures: Vec<String>,
+}
+
+fn read_whole(bytes: &[u8]) -> Result<Contents, PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
+    let (mut notes, mut face_notes) = (Vec::new(), Vec::new());
     let mut vertices = None;
     let mut faces = None;
+    let has_strips = header.elements.iter().any(|element| element.name == STRIPS);
     for element in &header.elements {
         body.check_room(element)?;
         let is_list = |property: &Property| property.length.is_some();
+        let has_list = element.properties.iter().any(is_list);
         match &*element.name {
-            "vertex" if vertices.is_none() => vertices = Some(Table::read(element, &mut body)?),
-            "face" if faces.is_none() && element.properties.iter().any(is_list) => {
-                faces = Some(FaceTable::read(element, &mut body)?);
+            "vertex" if vertices.is_none() => {
+                let lists = element.properties.iter().filter(|property| is_list(property));
+                notes.extend(
+                    lists.map(|list| format!("the list `{}` of vertices is left out", list.name)),
+                );
+                vertices = Some(Table::read(element, &mut body)?);
             }
-            _ => skip(element, &mut body)?,
+            "face" if faces.is_none() && has_list => {
+                faces = Some(FaceTable::read(element, &mut body, !has_strips, &mut face_notes)?);
+            }
+            STRIPS if has_list => {
+                let table = faces.get_or_insert_with(FaceTable::default);
+                table.add_strips(element, &mut body, &mut face_notes)?;
+            }
+            _ => {
+                if element.count > 0 {
+                    notes.push(format!(
+                        "`{}` is left out, of which there are {}",
+                        element.name, element.count
+                    ));
+                }
+                skip(element, &mut body)?;
+            }
         }
     }
+    notes.extend(body.rest());
     let vertices = vertices.ok_or(PlyError::NoVertices)?;
-    vertices.into_mesh(&header, faces.unwrap_or_default())
+    let faces = faces.unwrap_or_default();
+    face_notes.extend(faces.list.notes());
+    let (mesh, finite) = vertices.into_mesh(&header, faces, &mut notes)?;
+    Ok(Contents { mesh, finite, notes, face_notes, pictures: header.pictures })
 }
 
 /// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, and points at no finite place are left out.
@@ -190,16 +230,16 @@ pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
     Ok(read_finite(bytes)?.0)
 }
 
-/// The points in a PLY file, and how many were left out.
-fn read_finite(bytes: &[u8]) -> Result<(Points, usize), PlyError> {
-    let (mesh, finite) = read_whole(bytes)?;
+/// The points in a PLY file, how many were left out, and what the user should know.
+fn read_finite(bytes: &[u8]) -> Result<(Points, usize, Vec<String>), PlyError> {
+    let Contents { mesh, finite, notes, .. } = read_whole(bytes)?;
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
         points = points
             .with_attribute(name, attribute.clone())
             .expect("a mesh has an entry for each vertex");
     }
-    Ok((finite.points(points), finite.n_left_out()))
+    Ok((finite.points(points), finite.n_left_out(), notes))
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
@@ -219,8 +259,12 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
     Ok(())
 }
 
-/// The properties that are a vertex' color.
-const RGB: [&str; 3] = ["red", "green", "blue"];
+/// The element of strips of triangles.
+const STRIPS: &str = "tristrips";
+
+/// What programs call the channels of colors, in small or capital letters.
+const COLORS: [[&str; 3]; 3] =
+    [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
 /// The scalar properties of an element, row by row.
 struct Table<'a> {
@@ -263,25 +307,60 @@ impl<'a> Table<'a> {
 
     /// Takes several columns out, if all are there.
     fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<[Column; N]> {
-        let has = |name: &&str| self.columns.iter().any(|column| column.property.name == **name);
+        self.take_if(names, |column, name| column.property.name == name)
+    }
+
+    /// Takes out the first column of each of these names, if all are there, by whatever makes a column one of a name.
+    fn take_if<const N: usize>(
+        &mut self,
+        names: [&str; N],
+        is: impl Fn(&Column, &str) -> bool,
+    ) -> Option<[Column; N]> {
+        let has = |name: &&str| self.columns.iter().any(|column| is(column, name));
         names.iter().all(has).then(|| {
             names.map(|name| {
-                let place = self.columns.iter().position(|column| column.property.name == name);
+                let place = self.columns.iter().position(|column| is(column, name));
                 self.columns.remove(place.expect("it was found before"))
             })
         })
     }
 
-    /// Takes colors out, if they are there.
-    fn take_colors(&mut self, names: [&str; 3]) -> Option<Vec<Rgb>> {
-        let colors = self.take(names)?;
-        let scale = if colors[0].property.scalar.is_float() { 255.0 } else { 1.0 };
-        let byte = |channel: f64| (channel * scale).round() as u8;
-        Some(self.rows.gather(&colors, |color| color.map(byte)))
+    /// Takes colors out, if they are there, whatever they are called.
+    fn take_colors(&mut self, notes: &mut Vec<String>) -> Option<Vec<Rgb>> {
+        let columns = COLORS.into_iter().find_map(|names| {
+            // Fractions of such short names may be anything.
+            let is_short = names[0].len() == 1;
+            self.take_if(names, |Column { property, .. }, name| {
+                property.name.eq_ignore_ascii_case(name)
+                    && !(is_short && property.scalar.is_float())
+            })
+        })?;
+        Some(self.colors(&columns, notes))
+    }
+
+    /// The colors in these columns.
+    fn colors(&self, columns: &[Column; 3], notes: &mut Vec<String>) -> Vec<Rgb> {
+        let usual = match columns[0].property.scalar {
+            Scalar::U8 => {
+                return self.rows.gather(columns, |color| color.map(|channel| channel as u8));
+            }
+            Scalar::F32 | Scalar::F64 => Range::One,
+            Scalar::U16 => Range::Word,
+            _ => Range::Byte,
+        };
+        let colors = self.rows.gather(columns, |color| color);
+        let range = Range::of(colors.iter().flatten().copied(), usual != Range::One);
+        notes.extend(range.note(usual));
+        colors.into_iter().map(|color| color.map(|channel| range.byte(channel))).collect()
     }
 
     /// Takes out what the comments of our own files say.
-    fn take_attribute(&mut self, kind: Kind, name: &str) -> Option<Attribute> {
+    fn take_attribute(
+        &mut self,
+        kind: Kind,
+        name: &str,
+        notes: &mut Vec<String>,
+    ) -> Option<Attribute> {
         let suffixes = kind.suffixes().iter();
         let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
         let names = Vec::from_iter(names.iter().map(|name| &**name));
@@ -299,13 +378,19 @@ impl<'a> Table<'a> {
                 Attribute::Vector(self.rows.gather(&columns, |vector| vector).into())
             }
             (_, &[red, green, blue]) => {
-                Attribute::Color(self.take_colors([red, green, blue])?.into())
+                let columns = self.take([red, green, blue])?;
+                Attribute::Color(self.colors(&columns, notes).into())
             }
             _ => return None,
         })
     }
 
-    fn into_mesh(mut self, header: &Header, faces: FaceTable) -> Result<(Mesh, Finite), PlyError> {
+    fn into_mesh(
+        mut self,
+        header: &Header,
+        faces: FaceTable,
+        notes: &mut Vec<String>,
+    ) -> Result<(Mesh, Finite), PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
         let mut positions = self.rows.gather(&places, Point3::from);
         let finite = Finite::of(&mut positions);
@@ -316,23 +401,27 @@ impl<'a> Table<'a> {
         };
         let mut mesh = Mesh::new(positions, faces)?;
         if let Some(normals) = self.take(["nx", "ny", "nz"]) {
-            mesh = mesh.with_vertex(
-                "normal",
-                Attribute::Vector(self.rows.gather(&normals, finite_normal).into()),
-            )?;
+            let mut normals = self.rows.gather(&normals, |normal| normal);
+            notes.extend(finite::mend(&mut normals, "normal", "vertex", |index| {
+                finite.contains(index)
+            }));
+            mesh = mesh.with_vertex("normal", Attribute::Vector(normals.into()))?;
         }
         let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
         if let Some(uv) = pairs.into_iter().find_map(|names| self.take(names)) {
-            mesh =
-                mesh.with_vertex("uv", Attribute::Pair(self.rows.gather(&uv, |uv| uv).into()))?;
+            let mut uv = self.rows.gather(&uv, |uv| uv);
+            notes.extend(finite::mend(&mut uv, "uv", "vertex", |index| finite.contains(index)));
+            mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
         } else if let Some(uv) = uv {
-            let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
+            let mut corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
+            notes.extend(finite::mend(&mut corners, "uv", "corner", |_| true));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
-        for (name, attribute) in self.take_attributes(&header.attributes) {
+        for (name, attribute) in self.take_attributes(&header.attributes, "vertices", notes) {
             mesh = mesh.with_vertex(&name, attribute)?;
         }
-        let of_faces = faces_table.map(|table| table.take_attributes(&header.face_attributes));
+        let known = &header.face_attributes;
+        let of_faces = faces_table.map(|table| table.take_attributes(known, "faces", notes));
         for (name, attribute) in of_faces.unwrap_or_default() {
             mesh = mesh.with_face(&name, attribute)?;
         }
@@ -340,13 +429,18 @@ impl<'a> Table<'a> {
     }
 
     /// Takes out all that is left: what our own comments say of it, colors, and columns by their names.
-    fn take_attributes(mut self, known: &[(Kind, String)]) -> Vec<(String, Attribute)> {
+    fn take_attributes(
+        mut self,
+        known: &[(Kind, String)],
+        of: &str,
+        notes: &mut Vec<String>,
+    ) -> Vec<(String, Attribute)> {
         let mut found = Vec::new();
-        if let Some(colors) = self.take_colors(RGB) {
+        if let Some(colors) = self.take_colors(notes) {
             found.push(("color".to_owned(), Attribute::Color(colors.into())));
         }
         for (kind, name) in known {
-            found.extend(self.take_attribute(*kind, name).map(|it| (name.clone(), it)));
+            found.extend(self.take_attribute(*kind, name, notes).map(|it| (name.clone(), it)));
         }
         for column in std::mem::take(&mut self.columns) {
             let (property, column) = (column.property.clone(), [column]);
@@ -360,7 +454,15 @@ impl<'a> Table<'a> {
                 Scalar::F32 | Scalar::F64 => {
                     Attribute::Number(self.rows.gather(&column, |[number]| number).into())
                 }
-                _ if property.name == "alpha" => continue,
+                _ if property.name == "alpha" => {
+                    let alpha = self.rows.gather(&column, |[alpha]| alpha);
+                    let first = alpha.first().copied().unwrap_or(255.0);
+                    let is_opaque = [255.0, 65535.0].contains(&first);
+                    if !is_opaque || alpha.iter().any(|alpha| *alpha != first) {
+                        notes.push(format!("`alpha` of {of} is left out: colors are opaque"));
+                    }
+                    continue;
+                }
                 Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16 | Scalar::I32 => {
                     let numbers = self.rows.gather(&column, |[number]| number);
                     match numbers.iter().all(|number| *number >= 0.0) {
@@ -396,11 +498,6 @@ fn read_numbers(
         body.end_row(element)?;
     }
     Ok(bytes)
-}
-
-/// A normal; none if it could not be told, which is NaN in files.
-fn finite_normal(normal: [f64; 3]) -> [f64; 3] {
-    if normal.iter().all(|x| x.is_finite()) { normal } else { [0.0; 3] }
 }
 
 /// A mesh without faces.

@@ -12,7 +12,7 @@ use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
 use super::range_file::{RangeFile, Rows};
-use super::{camera, check_single, excerpt, parse, words};
+use super::{camera, check_single, excerpt, parse, real, words};
 
 /// Why bytes are not a range grid in a PTX file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -65,7 +65,7 @@ pub enum PtxError {
     },
     /// Another scan behind the first one.
     #[error(
-        "line {line}: the file goes on behind the last point: several scans in one file are not read"
+        "line {line}: the file goes on behind the last point: of several scans in one file save each as a file of its own"
     )]
     Several {
         /// The line, from 1.
@@ -154,7 +154,7 @@ fn read_point((text, line): (&[u8], usize)) -> Result<(Point3<f64>, Option<Rgb>)
     let mut place = [0.0; 4];
     for (found, number) in place.iter_mut().enumerate() {
         let word = words.next().ok_or(PtxError::Count { line, found, expected: 4 })?;
-        *number = parse(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
+        *number = real(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
     }
     let mut color = [0; 3];
     let mut found = 0;
@@ -270,7 +270,7 @@ mod tests {
     #[test]
     fn files_that_lie_are_refused_with_their_line() {
         assert_eq!(error("8\n6\n", "8\n7\n"), "line 11: 48 points follow, where there must be 56");
-        let several = "line 53: the file goes on behind the last point: several scans in one file are not read";
+        let several = "line 53: the file goes on behind the last point: of several scans in one file save each as a file of its own";
         assert_eq!(error("8\n6\n", "7\n6\n"), several);
         assert_eq!(error("0 0 0 1\n", "0 0 1\n"), "line 10: 3 numbers, where there must be 4");
         assert_eq!(error("0 0 0.5", "0 z 0.5"), "line 13: `z` is not a possible value");

@@ -5,14 +5,14 @@ use std::collections::HashMap;
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
-use maquette_value::{Mesh, MeshError};
+use maquette_value::{Attribute, Mesh, MeshError, Rgb};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::corners::FaceList;
 use super::rows::floats;
 use super::upright::upright;
-use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, parse, words};
+use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, real, words};
 
 /// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -27,8 +27,9 @@ pub enum StlError {
     },
     /// A binary file of another length than its header says.
     #[error(
-        "{bytes} bytes, but the header counts {triangles} triangles, which take {}: the file is cut off, or no STL file",
-        84 + TRIANGLE as u64 * u64::from(*triangles)
+        "{bytes} bytes, but the header counts {triangles} triangles, which take {}: the file is {}, or no STL file",
+        84 + TRIANGLE as u64 * u64::from(*triangles),
+        if (*bytes as u64) < 84 + TRIANGLE as u64 * u64::from(*triangles) { "cut off" } else { "damaged" }
     )]
     Length {
         /// Bytes in the file.
@@ -90,44 +91,94 @@ pub enum StlError {
 
 /// The mesh in an STL file, text or binary. Corners at the same place, bit by bit, are one vertex, in the order in which the
 /// file first has them. Triangles with two equal corners are left out, and normals are not read: the corners' order says where
-/// the outside is. Triangles with a corner that is NaN or infinite are left out, too.
+/// the outside is. Triangles with a corner that is NaN or infinite are left out, too. Colors of triangles, as Magics and VisCAM write them, become
+/// the colors `color` of faces.
 ///
 /// # Errors
 /// If the bytes are not an STL file.
 pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
-    Ok(read_finite(bytes)?.0)
+    Ok(read_noted(bytes)?.0)
 }
 
-/// The same, and how many triangles have a corner that is NaN or infinite.
-fn read_finite(bytes: &[u8]) -> Result<(Mesh, usize), StlError> {
-    let mut corners = Corners::default();
+/// The same, and what the user should know of what is left out or understood in one of several ways.
+fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
+    let (mut corners, mut notes) = (Corners::default(), Vec::new());
     let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
     let promised = promised.map(|count| u32::from_le_bytes(*count));
     let wanted = |count: u32| (count as usize).saturating_mul(TRIANGLE).saturating_add(84);
     let is_text =
         bytes.trim_ascii_start().get(..5).is_some_and(|it| it.eq_ignore_ascii_case(b"solid"));
+    // Programs that write while they scan do not come back to the count.
+    let room = bytes.len().saturating_sub(84);
+    let is_longer = |count: u32| {
+        let is_whole = room.is_multiple_of(TRIANGLE) && room > 0;
+        bytes.len() > wanted(count) && (is_whole || count > 0)
+    };
     // Binary headers may begin with `solid` too, but their length gives them away.
     if promised.is_some_and(|count| bytes.len() == wanted(count)) {
-        for triangle in bytes[84..].as_chunks::<TRIANGLE>().0 {
-            let number = |k: usize| {
-                let at = 12 + 4 * k;
-                let bytes = [triangle[at], triangle[at + 1], triangle[at + 2], triangle[at + 3]];
-                f64::from(f32::from_le_bytes(bytes))
-            };
-            corners.push([0, 3, 6].map(|k| [number(k), number(k + 1), number(k + 2)]));
-        }
+        read_binary(bytes, &mut corners);
     } else if is_text {
         read_text(bytes, &mut corners)?;
+    } else if let Some(count) = promised.filter(|&count| is_longer(count)) {
+        if room.is_multiple_of(TRIANGLE) {
+            let there = room / TRIANGLE;
+            notes.push(format!(
+                "the header counts {count} triangles, but there are {there}: all are read"
+            ));
+            read_binary(bytes, &mut corners);
+        } else {
+            let end = wanted(count);
+            notes.push(format!(
+                "{} bytes at the end are left out: the header counts {count} triangles",
+                bytes.len() - end
+            ));
+            read_binary(&bytes[..end], &mut corners);
+        }
     } else {
         let bytes = bytes.len();
         // Four bytes of anything else would hardly be about as many.
-        return Err(match promised.filter(|&count| wanted(count) / MOST_LACKING <= bytes) {
-            Some(triangles) => StlError::Length { bytes, triangles },
-            None => StlError::NotStl { bytes },
-        });
+        return Err(
+            match promised.filter(|&count| {
+                room.is_multiple_of(TRIANGLE) || wanted(count) / MOST_LACKING <= bytes
+            }) {
+                Some(triangles) => StlError::Length { bytes, triangles },
+                None => StlError::NotStl { bytes },
+            },
+        );
     }
+    notes.extend(corners.faces.notes());
+    notes.extend(finite::doubt(corners.left_out, "face"));
     let (faces, _) = corners.faces.finish()?;
-    Ok((Mesh::new(corners.positions, faces)?, corners.left_out))
+    let mut mesh = Mesh::new(corners.positions, faces)?;
+    if corners.colors.iter().any(Option::is_some) {
+        let colors = corners.colors.into_iter().map(|color| color.unwrap_or(corners.usual_color));
+        mesh = mesh.with_face("color", Attribute::Color(colors.collect()))?;
+    }
+    Ok((mesh, notes))
+}
+
+/// The triangles behind a header.
+fn read_binary(bytes: &[u8], corners: &mut Corners) {
+    let (header, triangles) = bytes.split_at(84);
+    // Magics gives the color of all triangles that have none of their own, and its channels are the other way round.
+    let magics = header.windows(9).find_map(|window| window.strip_prefix(b"COLOR="));
+    if let Some([red, green, blue]) = magics {
+        corners.usual_color = [*red, *green, *blue];
+    }
+    for triangle in triangles.as_chunks::<TRIANGLE>().0 {
+        let number = |k: usize| {
+            let at = 12 + 4 * k;
+            let bytes = [triangle[at], triangle[at + 1], triangle[at + 2], triangle[at + 3]];
+            f64::from(f32::from_le_bytes(bytes))
+        };
+        let bits = u16::from_le_bytes([triangle[48], triangle[49]]);
+        let has_own = (bits & 0x8000 != 0) != magics.is_some();
+        let channel = |shift: u16| ((u32::from(bits >> shift & 31) * 255 + 15) / 31) as u8;
+        let [low, middle, high] = [0, 5, 10].map(channel);
+        let color = if magics.is_some() { [low, middle, high] } else { [high, middle, low] };
+        let places = [0, 3, 6].map(|k| [number(k), number(k + 1), number(k + 2)]);
+        corners.push(places, has_own.then_some(color));
+    }
 }
 
 /// A file that is shorter by more than this is taken for none of its kind.
@@ -142,12 +193,16 @@ struct Corners {
     positions: Vec<Point3<f64>>,
     vertices: HashMap<[u64; 3], u32>,
     faces: FaceList,
+    /// The color of each face that has one.
+    colors: Vec<Option<Rgb>>,
+    /// That of the others.
+    usual_color: Rgb,
     /// Triangles with a corner nowhere.
     left_out: usize,
 }
 
 impl Corners {
-    fn push(&mut self, corners: [[f64; 3]; 3]) {
+    fn push(&mut self, corners: [[f64; 3]; 3], color: Option<Rgb>) {
         if !corners.as_flattened().iter().all(|x| x.is_finite()) {
             self.left_out += 1;
             return;
@@ -159,7 +214,8 @@ impl Corners {
                 (self.positions.len() - 1) as u32
             })
         });
-        self.faces.push(&face);
+        let faces = self.faces.push(&face);
+        self.colors.extend(std::iter::repeat_n(color, faces));
     }
 }
 
@@ -167,12 +223,19 @@ impl Corners {
 fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
     let mut facet: Option<Vec<[f64; 3]>> = None;
     let (mut last, mut is_open) = (1, true);
-    for (text, line) in bytes.split(|&byte| byte == b'\n').zip(1..) {
+    // Very old programs end lines with CR alone.
+    let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
+    for (text, line) in bytes.split(|&byte| byte == end).zip(1..) {
         let mut words = words(text);
         let Some(first) = words.next() else { continue };
         last = line;
         let wrong = |wanted| StlError::Word { line, text: excerpt(text.trim_ascii()), wanted };
-        match (first.to_ascii_lowercase().as_slice(), &mut facet) {
+        let mut first = first.to_ascii_lowercase();
+        // Some programs write `end loop`.
+        if first == b"end" {
+            first.extend(words.next().unwrap_or_default().to_ascii_lowercase());
+        }
+        match (first.as_slice(), &mut facet) {
             (b"solid", None) => is_open = true,
             (b"endsolid", None) => is_open = false,
             (b"outer" | b"endloop", Some(_)) => {}
@@ -182,7 +245,7 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
                 let mut found = 0;
                 for word in words {
                     let broken = || StlError::Vertex { line, text: excerpt(text.trim_ascii()) };
-                    let number: f32 = parse(word).ok_or_else(broken)?;
+                    let number: f32 = real(word).ok_or_else(broken)?;
                     *place.get_mut(found).ok_or_else(broken)? = number.into();
                     found += 1;
                 }
@@ -193,13 +256,15 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
             }
             (b"endfacet", Some(vertices)) => match vertices[..] {
                 [a, b, c] => {
-                    corners.push([a, b, c]);
+                    corners.push([a, b, c], None);
                     facet = None;
                 }
                 _ => return Err(StlError::Facet { line, found: vertices.len() }),
             },
             (_, None) => return Err(wrong("facet")),
-            (_, Some(_)) => return Err(wrong("vertex")),
+            (_, Some(vertices)) => {
+                return Err(wrong(if vertices.len() < 3 { "vertex" } else { "endloop" }));
+            }
         }
     }
     match facet {
@@ -253,8 +318,8 @@ impl FileReader for MeshStl {
     const ENDINGS: &'static [&'static str] = &["stl"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
-        let (mesh, left_out) = read_finite(file.bytes())?;
-        finite::tell(file, left_out, "face");
+        let (mesh, notes) = read_noted(file.bytes())?;
+        notes.into_iter().for_each(|note| file.doubt(note));
         Ok(mesh)
     }
 }
@@ -306,6 +371,60 @@ mod tests {
         let again = read(&bytes).unwrap();
         assert_eq!(again.positions(), quad.positions());
         assert_eq!(again.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn a_wrong_count_is_told_and_all_that_is_there_is_read() {
+        let square = binary();
+        let with_count = |count: u32, more: &[u8]| {
+            let mut bytes = [&square, more].concat();
+            bytes[80..84].copy_from_slice(&count.to_le_bytes());
+            read_noted(&bytes).map(|(mesh, notes)| (mesh.faces().len(), notes.join("; ")))
+        };
+        let told =
+            |count| format!("the header counts {count} triangles, but there are 2: all are read");
+        assert_eq!(with_count(0, &[]).unwrap(), (2, told(0)));
+        assert_eq!(with_count(1, &[]).unwrap(), (2, told(1)));
+        let told = "7 bytes at the end are left out: the header counts 2 triangles";
+        assert_eq!(with_count(2, &[0; 7]).unwrap(), (2, told.to_owned()));
+        assert!(
+            with_count(0, &[0; 7])
+                .unwrap_err()
+                .to_string()
+                .ends_with("the file is damaged, or no STL file")
+        );
+        assert!(
+            with_count(3, &[])
+                .unwrap_err()
+                .to_string()
+                .ends_with("the file is cut off, or no STL file")
+        );
+    }
+
+    #[test]
+    fn triangles_have_the_colors_of_magics_and_of_viscam() {
+        let colors = |header: &[u8], bits: [u16; 2]| {
+            let mut bytes = binary();
+            bytes[..header.len()].copy_from_slice(header);
+            for (at, bits) in [132, 182].into_iter().zip(bits) {
+                bytes[at..at + 2].copy_from_slice(&bits.to_le_bytes());
+            }
+            read(&bytes).unwrap().face().colors("color").map(|colors| colors.to_vec())
+        };
+        assert_eq!(colors(b"any", [0, 0]), None);
+        assert_eq!(
+            colors(b"any", [0x8000 | 31 << 10, 0x8000 | 31]),
+            Some(vec![[255, 0, 0], [0, 0, 255]])
+        );
+        let magics = b"a solid; COLOR=\x0a\x14\x1e\xff,MATERIAL=";
+        assert_eq!(colors(magics, [31, 0x8000]), Some(vec![[255, 0, 0], [10, 20, 30]]));
+    }
+
+    #[test]
+    fn ends_may_be_two_words_and_lines_may_end_in_cr() {
+        let text = TEXT.replace("endloop", "end loop").replace("endfacet", "end facet");
+        let text = text.replace("endsolid", "end solid").replace('\n', "\r");
+        assert_eq!(read(text.as_bytes()), read(TEXT.as_bytes()));
     }
 
     #[test]

@@ -7,8 +7,9 @@ use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::colors::Range;
 use super::finite::{self, Finite};
-use super::{check_single, coarse, excerpt, parse, words};
+use super::{check_single, coarse, excerpt, real, words};
 
 /// Why bytes are not points in an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -28,8 +29,8 @@ pub enum XyzError {
         line: usize,
         /// Numbers in it.
         found: usize,
-        /// `3 or 6`, or how many the first line has.
-        expected: &'static str,
+        /// How many the first line has, or at least three.
+        expected: String,
     },
     /// Numbers of a language in which a comma stands for the point.
     #[error("line {line}: `{text}` has a decimal comma: write a point")]
@@ -49,77 +50,239 @@ pub enum XyzError {
 
 /// The points in an XYZ file.
 ///
-/// Every line has three numbers, or every line six. If the last three are whole numbers from 0 to 255 in all lines, they are
-/// colors, attribute `color`; else normals, attribute `normal`. Blanks or commas part the numbers; empty lines and what follows a
-/// `#` are passed over.
+/// Every line has as many numbers: a place, and what a first line of names says of the others (`//X,Y,Z,R,G,B` or `x y z nx ny nz intensity`). Without such a
+/// line three whole numbers from 0 to 255 in all lines are a color, attribute `color`, three of length one a normal, attribute `normal`, and others the numbers
+/// `intensity`, `column_5` and so on; six numbers in all are a place and a color or a normal. Blanks, commas or semicolons part the numbers; empty lines, a first
+/// line that counts the points, and what follows a `#` are passed over.
 ///
 /// Points at no finite place are left out.
 ///
 /// # Errors
-/// If a word is no number, lines have other or different numbers of them, or there is no point.
+/// If a word is no number, lines have different numbers of them, or there is no point.
 pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
-    Ok(read_finite(bytes)?.0)
+    Ok(read_noted(bytes)?.0)
 }
 
-/// The points in an XYZ file, and how many were left out.
-fn read_finite(bytes: &[u8]) -> Result<(Points, usize), XyzError> {
-    let mut positions = Vec::new();
-    let mut extras: Vec<[f64; 3]> = Vec::new();
-    for (text, line) in bytes.split(|&byte| byte == b'\n').zip(1..) {
+/// The same, and what the user should know of what is left out or understood in one of several ways.
+fn read_noted(bytes: &[u8]) -> Result<(Points, Vec<String>), XyzError> {
+    let mut table = Table::default();
+    // Very old programs end lines with CR alone.
+    let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
+    for (text, line) in bytes.split(|&byte| byte == end).zip(1..) {
         let end = text.iter().position(|&byte| byte == b'#').unwrap_or(text.len());
-        let (numbers, found) = numbers(&text[..end], line)?;
-        let [x, y, z, extra @ ..] = numbers;
-        let colored = positions.len() == extras.len();
+        table.read_line(&text[..end], line)?;
+    }
+    let mut notes = Vec::new();
+    let count = table.numbers.len() / table.columns.max(1);
+    if count == 0 {
+        return Err(XyzError::Empty);
+    }
+    if let Some(promised) = table.promised.filter(|promised| *promised != count as f64) {
+        notes.push(format!("the first line counts {promised} points, but there are {count}"));
+    }
+    let roles = table.roles(&mut notes);
+    let mut places = table.triples(0);
+    let finite = Finite::of(&mut places);
+    notes.extend(finite::doubt(finite.n_left_out(), "point"));
+    let mut points = Points::new(places)?;
+    for (role, at) in roles {
+        let (name, attribute) = match role {
+            Role::Color => {
+                let channels = table.triples(at);
+                let all = || channels.iter().flat_map(|color| color.iter().copied());
+                let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
+                notes.extend(range.note(Range::Byte));
+                let color = |color: &Point3<f64>| [color.x, color.y, color.z].map(|x| range.byte(x));
+                ("color".to_owned(), Attribute::Color(channels.iter().map(color).collect()))
+            }
+            Role::Normal => {
+                let mut normals = Vec::from_iter(table.triples(at).iter().map(|n| [n.x, n.y, n.z]));
+                notes.extend(finite::mend(&mut normals, "normal", "point", |k| finite.contains(k)));
+                ("normal".to_owned(), Attribute::Vector(normals.into()))
+            }
+            Role::Number(name) => (name, Attribute::Number(table.column(at).collect())),
+        };
+        points = points.with_attribute(&name, attribute)?;
+    }
+    Ok((finite.points(points), notes))
+}
+
+/// What numbers behind a place are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Role {
+    Color,
+    Normal,
+    Number(String),
+}
+
+/// The numbers of a file, line by line.
+#[derive(Default)]
+struct Table {
+    numbers: Vec<f64>,
+    /// Of a line.
+    columns: usize,
+    /// What a first line calls them, in small letters.
+    names: Vec<String>,
+    /// How many lines there are, as a first line says.
+    promised: Option<f64>,
+}
+
+impl Table {
+    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), XyzError> {
+        let is_first = self.columns == 0;
+        if is_first && self.names.is_empty() {
+            self.names = names(text).unwrap_or_default();
+            if !self.names.is_empty() {
+                return Ok(());
+            }
+        }
+        let before = self.numbers.len();
+        read_numbers(text, line, &mut self.numbers)?;
+        let found = self.numbers.len() - before;
         match found {
-            0 => continue,
-            3 if positions.is_empty() || !colored => {}
-            6 if colored => extras.push(extra),
+            0 => {}
+            1 if is_first && self.promised.is_none() => self.promised = self.numbers.pop(),
+            3.. if is_first => self.columns = found,
+            _ if found == self.columns => {}
             _ => {
-                let expected = match (positions.is_empty(), colored) {
-                    (true, _) => "3 or 6",
-                    (false, true) => "6, as before",
-                    (false, false) => "3, as before",
+                let expected = match self.columns {
+                    0 => "at least 3".to_owned(),
+                    columns => format!("{columns}, as before"),
                 };
                 return Err(XyzError::Count { line, found, expected });
             }
         }
-        positions.push(Point3::new(x, y, z));
+        Ok(())
     }
-    if positions.is_empty() {
-        return Err(XyzError::Empty);
+
+    fn column(&self, at: usize) -> impl Iterator<Item = f64> {
+        self.numbers.iter().skip(at).step_by(self.columns).copied()
     }
-    let finite = Finite::of(&mut positions);
-    let left_out = finite.n_left_out();
-    let points = Points::new(positions)?;
-    if extras.is_empty() {
-        return Ok((finite.points(points), left_out));
+
+    fn triples(&self, at: usize) -> Vec<Point3<f64>> {
+        let lines = self.numbers.chunks_exact(self.columns);
+        lines.map(|line| Point3::new(line[at], line[at + 1], line[at + 2])).collect()
     }
-    let is_byte = |number: &f64| (0.0..=255.0).contains(number) && number.fract() == 0.0;
-    if extras.as_flattened().iter().all(is_byte) {
-        let colors = extras.iter().map(|color| color.map(|channel| channel as u8)).collect();
-        let points = points.with_attribute("color", Attribute::Color(colors))?;
-        return Ok((finite.points(points), left_out));
+
+    /// What the columns behind the places are, and where each begins.
+    fn roles(&self, notes: &mut Vec<String>) -> Vec<(Role, usize)> {
+        if !self.names.is_empty() && self.names.len() != self.columns {
+            let (names, columns) = (self.names.len(), self.columns);
+            notes.push(format!("the first line has {names} names, but the others {columns} numbers: names are left out"));
+        } else if !self.names.is_empty() {
+            return self.named_roles();
+        }
+        let mut roles = Vec::new();
+        let mut at = 3;
+        while at < self.columns {
+            let has = |role: &Role| roles.iter().any(|(known, _)| known == role);
+            let role = match self.columns - at {
+                3.. => self.guess(at).filter(|role| !has(role)),
+                _ => None,
+            };
+            // Of four numbers that may be colors the first is an intensity.
+            let is_before = |role: &Role| {
+                (self.columns - at) % 3 == 1 && self.guess(at + 1).as_ref() == Some(role)
+            };
+            let role = role.filter(|role| !is_before(role)).unwrap_or_else(|| {
+                let is_first = !roles.iter().any(|(role, _)| matches!(role, Role::Number(_)));
+                Role::Number(if is_first { "intensity".to_owned() } else { format!("column_{}", at + 1) })
+            });
+            let width = if matches!(role, Role::Number(_)) { 1 } else { 3 };
+            roles.push((role, at));
+            at += width;
+        }
+        if self.columns == 6 && !matches!(roles[..], [_]) {
+            roles = vec![(Role::Normal, 3)];
+        }
+        if !matches!(self.columns, 3 | 6) {
+            let names = roles.iter().map(|(role, _)| match role {
+                Role::Color => "color",
+                Role::Normal => "normal",
+                Role::Number(name) => name,
+            });
+            let names = Vec::from_iter(names).join(", ");
+            notes.push(format!("what stands behind the coordinates is read as {names}; a first line of names (`x y z intensity r g b`) says otherwise"));
+        }
+        roles
     }
-    let points = points.with_attribute("normal", Attribute::Vector(extras.into()))?;
-    Ok((finite.points(points), left_out))
+
+    /// Whether three columns are a color or a normal.
+    fn guess(&self, at: usize) -> Option<Role> {
+        let lines = || self.numbers.chunks_exact(self.columns).map(|line| &line[at..at + 3]);
+        let length = |line: &[f64]| line.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let is_normal = |line: &[f64]| {
+            line.iter().any(|x| !x.is_finite()) || (length(line) - 1.0).abs() < 0.01 || length(line) == 0.0
+        };
+        let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
+        if lines().all(is_normal) && lines().any(|line| length(line) > 0.5) {
+            return Some(Role::Normal);
+        }
+        let all = |is: &dyn Fn(&f64) -> bool| lines().flatten().all(|x| is(x) || !x.is_finite());
+        let is_color = all(&is_byte) || all(&|x| (0.0..=1.0).contains(x));
+        is_color.then_some(Role::Color)
+    }
+
+    /// What the names of the columns say.
+    fn named_roles(&self) -> Vec<(Role, usize)> {
+        let is = |at: usize, names: [&[&str]; 3]| {
+            (0..3).all(|k| self.names.get(at + k).is_some_and(|name| names[k].contains(&&**name)))
+        };
+        let mut roles = Vec::new();
+        let mut at = 3;
+        while at < self.columns {
+            let role = if is(at, [&["r", "red"], &["g", "green"], &["b", "blue"]]) {
+                Role::Color
+            } else if is(at, [&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]]) {
+                Role::Normal
+            } else {
+                Role::Number(match &*self.names[at] {
+                    "i" => "intensity".to_owned(),
+                    name => name.to_owned(),
+                })
+            };
+            let width = if matches!(role, Role::Number(_)) { 1 } else { 3 };
+            roles.push((role, at));
+            at += width;
+        }
+        // A name may stand there twice.
+        for k in 0..roles.len() {
+            let (role, at) = &roles[k];
+            if roles[..k].iter().any(|(known, _)| known == role) && matches!(role, Role::Number(_)) {
+                roles[k] = (Role::Number(format!("column_{}", at + 1)), *at);
+            }
+        }
+        roles
+    }
 }
 
-/// The numbers of a line, at most six, and how many there are.
-fn numbers(text: &[u8], line: usize) -> Result<([f64; 6], usize), XyzError> {
-    let mut numbers = [0.0; 6];
-    let mut found = 0;
+/// The names of columns in a line that begins with those of coordinates, in small letters.
+fn names(text: &[u8]) -> Option<Vec<String>> {
+    let text = text.trim_ascii();
+    let text = text.strip_prefix(b"//").unwrap_or(text);
+    let parts = text.split(|&byte| matches!(byte, b',' | b';')).flat_map(words);
+    let name = |word: &[u8]| {
+        let letter = |byte: &u8| if byte.is_ascii_alphanumeric() { char::from(byte.to_ascii_lowercase()) } else { '_' };
+        word.iter().map(letter).collect::<String>()
+    };
+    let names = Vec::from_iter(parts.map(name));
+    names.get(..3).is_some_and(|three| three == ["x", "y", "z"]).then_some(names)
+}
+
+/// Puts the numbers of a line behind others.
+fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), XyzError> {
+    // Between semicolons a comma stands for the point.
+    let has_semicolons = text.contains(&b';');
+    let commas = has_semicolons.then(|| Vec::from_iter(text.iter().map(|&byte| if byte == b',' { b'.' } else { byte })));
+    let text = commas.as_deref().unwrap_or(text);
     if let Some(word) = decimal_comma(text) {
         return Err(XyzError::DecimalComma { line, text: excerpt(word) });
     }
-    let parts = text.split(|&byte| byte == b',').flat_map(words);
-    for word in parts {
-        let number = parse(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?;
-        if let Some(place) = numbers.get_mut(found) {
-            *place = number;
-        }
-        found += 1;
+    let separator = if has_semicolons { b';' } else { b',' };
+    for word in text.split(|&byte| byte == separator).flat_map(words) {
+        numbers.push(real(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?);
     }
-    Ok((numbers, found))
+    Ok(())
 }
 
 /// The first number with a comma in it, if blanks part as many numbers as a line has.
@@ -199,8 +362,8 @@ impl FileReader for PointsXyz {
     const ENDINGS: &'static [&'static str] = &["xyz"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        let (points, left_out) = read_finite(file.bytes())?;
-        finite::tell(file, left_out, "point");
+        let (points, notes) = read_noted(file.bytes())?;
+        notes.into_iter().for_each(|note| file.doubt(note));
         Ok(points)
     }
 }
@@ -224,8 +387,8 @@ mod tests {
 
     #[test]
     fn numbers_that_are_no_colors_are_normals() {
-        let points = read(b"# x, y, z\n1,2, 3,0,0,1\r\n\n4 5 6\t0 0.5 0 # the last\n").unwrap();
-        let normals = [[0.0, 0.0, 1.0], [0.0, 0.5, 0.0]];
+        let points = read(b"# x, y, z\n1,2, 3,0,0,1\r\n\n4 5 6\t0 0.6 0.8 # the last\n").unwrap();
+        let normals = [[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]];
         assert_eq!(points.attributes().vectors("normal").unwrap()[..], normals);
         let written = PointsXyz::write(&points, "a.xyz").unwrap().remove(0).bytes;
         assert_eq!(read(&written).unwrap(), points);
@@ -249,6 +412,31 @@ mod tests {
     }
 
     #[test]
+    fn columns_are_what_their_numbers_or_their_names_say() {
+        let told = |text: &str| {
+            let (points, notes) = read_noted(text.as_bytes()).unwrap();
+            let names = points.attributes().iter().map(|(name, _)| name.to_owned());
+            (Vec::from_iter(names).join(" "), notes.len())
+        };
+        for (text, names, notes) in [
+            ("0 0 0 0.5 255 0 0\n1 0 0 0.25 10 200 30\n", "color intensity", 1),
+            ("0 0 0 255 0 0 0.5\n1 0 0 10 200 30 0.25\n", "color intensity", 1),
+            ("0 0 0 12 255 0 0\n1 0 0 13 10 200 30\n", "color intensity", 1),
+            ("0 0 0 255 0 0 0 0.6 0.8\n1 0 0 10 200 30 0 0 1\n", "color normal", 1),
+            ("0 0 0 100\n1 0 0 101\n", "intensity", 1),
+            ("0 0 0 0.5 7.5\n1 0 0 101 8\n", "column_5 intensity", 1),
+            ("//X,Y,Z,R,G,B\n0,0,0,255,0,0\n", "color", 0),
+            ("x;y;z;r;g;b\n0;0;0;255;0;0\n", "color", 0),
+            ("X Y Z Nx Ny Nz Scalar_field\n0 0 0 1 2 3 4\n", "normal scalar_field", 0),
+            ("2\n0 0 0 255 0 0\n1 0 0 10 200 30\n", "color", 0),
+            ("3\n0 0 0\n1 0 0\n", "", 1),
+            ("0,5;0,25;1\n1;2;3,5\n", "", 0),
+        ] {
+            assert_eq!(told(text), (names.to_owned(), notes), "{text}");
+        }
+    }
+
+    #[test]
     fn points_that_are_nowhere_are_left_out_and_told_of() {
         let file = Reading::alone("a.xyz", b"1 2 3 0 0 255\nnan nan nan 0 9 0\n4 5 inf 1 0 0\n");
         let points = PointsXyz::read(&file).unwrap();
@@ -260,7 +448,7 @@ mod tests {
     #[test]
     fn files_that_lie_are_refused_with_their_line() {
         let error = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
-        assert_eq!(error("1 2\n"), "line 1: 2 numbers, where there must be 3 or 6");
+        assert_eq!(error("1 2\n"), "line 1: 2 numbers, where there must be at least 3");
         assert_eq!(
             error("1 2 3\n1 2 3 4 5 6\n"),
             "line 2: 6 numbers, where there must be 3, as before"

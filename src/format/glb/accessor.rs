@@ -1,5 +1,6 @@
 //! The document of a GLB file, and the numbers that its accessors find in the buffer.
 
+use std::array;
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
@@ -19,6 +20,8 @@ pub(super) struct Document {
     pub(super) textures: Vec<Texture>,
     pub(super) images: Vec<Picture>,
     pub(super) extensions_required: Vec<String>,
+    pub(super) animations: Vec<Value>,
+    extensions_used: Vec<String>,
     accessors: Vec<Accessor>,
     buffer_views: Vec<BufferView>,
 }
@@ -34,6 +37,8 @@ pub(super) struct Scene {
 pub(super) struct Node {
     pub(super) children: Vec<usize>,
     pub(super) mesh: Option<usize>,
+    pub(super) skin: Option<usize>,
+    pub(super) extensions: BTreeMap<String, Value>,
     /// Column by column; in place of the other three.
     pub(super) matrix: Option<[f64; 16]>,
     pub(super) translation: [f64; 3],
@@ -47,6 +52,8 @@ impl Default for Node {
         Self {
             children: Vec::new(),
             mesh: None,
+            skin: None,
+            extensions: BTreeMap::new(),
             matrix: None,
             translation: [0.0; 3],
             rotation: [0.0, 0.0, 0.0, 1.0],
@@ -67,6 +74,10 @@ pub(super) struct Primitive {
     pub(super) material: Option<usize>,
     #[serde(default = "triangles")]
     pub(super) mode: u32,
+    #[serde(default)]
+    pub(super) targets: Vec<Value>,
+    #[serde(default)]
+    pub(super) extensions: BTreeMap<String, Value>,
 }
 
 fn triangles() -> u32 {
@@ -76,13 +87,37 @@ fn triangles() -> u32 {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Material {
-    pub(super) pbr_metallic_roughness: Option<Shading>,
+    pub(super) pbr_metallic_roughness: Shading,
+    pub(super) normal_texture: Option<Value>,
+    pub(super) occlusion_texture: Option<Value>,
+    pub(super) emissive_texture: Option<Value>,
+    pub(super) extensions: MaterialExtensions,
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Shading {
+    /// Linear, with an opacity.
+    pub(super) base_color_factor: Option<[f64; 4]>,
     pub(super) base_color_texture: Option<TextureUse>,
+    pub(super) metallic_roughness_texture: Option<Value>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(super) struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub(super) glossiness: Option<Glossiness>,
+    #[serde(flatten)]
+    pub(super) others: BTreeMap<String, Value>,
+}
+
+/// The older way to say how light is reflected.
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Glossiness {
+    pub(super) diffuse_factor: Option<[f64; 4]>,
+    pub(super) diffuse_texture: Option<TextureUse>,
 }
 
 #[derive(Deserialize)]
@@ -91,18 +126,71 @@ pub(super) struct TextureUse {
     pub(super) index: usize,
     #[serde(default)]
     pub(super) tex_coord: usize,
+    #[serde(default)]
+    pub(super) extensions: TextureUseExtensions,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(super) struct TextureUseExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub(super) transform: Option<Transform>,
+}
+
+/// How texture coordinates are moved: scaled, turned (radians, counterclockwise), and shifted, in this order.
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Transform {
+    pub(super) offset: [f64; 2],
+    pub(super) rotation: f64,
+    pub(super) scale: [f64; 2],
+    /// In place of that of the use.
+    pub(super) tex_coord: Option<usize>,
+}
+
+impl Default for Transform {
+    fn default() -> Self {
+        Self { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2], tex_coord: None }
+    }
+}
+
+impl Transform {
+    /// The moved coordinates, as glTF has them.
+    pub(super) fn apply(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = (libm::sin(self.rotation), libm::cos(self.rotation));
+        let [u, v] = [u * self.scale[0], v * self.scale[1]];
+        [cos * u + sin * v + self.offset[0], cos * v - sin * u + self.offset[1]]
+    }
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Texture {
-    pub(super) source: Option<usize>,
+    source: Option<usize>,
+    extensions: BTreeMap<String, Value>,
+}
+
+impl Texture {
+    /// Its picture; of those that only some programs read, the one that is read here.
+    pub(super) fn picture(&self) -> Option<usize> {
+        let webp = self.extensions.get("EXT_texture_webp").and_then(|it| it["source"].as_u64());
+        self.source.or(webp.map(|source| source as usize))
+    }
+
+    /// The extension that has its picture in a form that is not read.
+    pub(super) fn unread(&self) -> Option<&str> {
+        self.picture()
+            .is_none()
+            .then(|| self.extensions.keys().next().map(|name| &**name))
+            .flatten()
+    }
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Picture {
     pub(super) buffer_view: Option<usize>,
+    pub(super) uri: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -117,7 +205,25 @@ struct Accessor {
     count: usize,
     #[serde(rename = "type")]
     kind: String,
-    sparse: Option<Value>,
+    sparse: Option<Sparse>,
+}
+
+/// Entries in place of some of an accessor.
+#[derive(Deserialize)]
+struct Sparse {
+    count: usize,
+    indices: Piece,
+    values: Piece,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Piece {
+    buffer_view: usize,
+    #[serde(default)]
+    byte_offset: usize,
+    /// Of indices alone.
+    component_type: Option<u32>,
 }
 
 #[derive(Deserialize)]
@@ -128,6 +234,8 @@ struct BufferView {
     byte_offset: usize,
     byte_length: usize,
     byte_stride: Option<usize>,
+    #[serde(default)]
+    extensions: BTreeMap<String, Value>,
 }
 
 /// How a number is stored.
@@ -206,6 +314,9 @@ impl<'a> Buffer<'a> {
     pub(super) fn view(&self, index: usize) -> Result<View<'a>, GlbReadError> {
         let wrong = |what| GlbReadError::Part { part: "bufferView", index, what };
         let view = self.document.buffer_views.get(index).ok_or(wrong("does not exist"))?;
+        if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
+            return Err(GlbReadError::Extension { name: name.clone() });
+        }
         if view.buffer != 0 {
             return Err(wrong("is in another file"));
         }
@@ -233,36 +344,63 @@ impl<'a> Buffer<'a> {
         if components < N {
             return Err(wrong("has too few components"));
         }
-        if accessor.sparse.is_some() {
-            return Err(wrong("is sparse, which is not read"));
-        }
         let component = Component::new(accessor.component_type);
         let component = component.ok_or(wrong("has components of an unknown type"))?;
-        let view = self.view(accessor.buffer_view.ok_or(wrong("has no bytes"))?)?;
         let size = components * component.size();
-        let stride = view.stride.unwrap_or(size);
-        if stride < size {
-            return Err(wrong("has entries that lie on each other"));
-        }
-        let last = accessor.count.saturating_sub(1).saturating_mul(stride);
-        let end = accessor.byte_offset.saturating_add(last).saturating_add(size);
-        if accessor.count > 0 && view.bytes.len() < end {
-            return Err(wrong("is longer than its part of the buffer"));
-        }
+        let packed = document.extensions_used.iter().find(|name| name.contains("compression"));
+        let entries = match accessor.buffer_view {
+            None if packed.is_some() && accessor.sparse.is_none() => {
+                return Err(GlbReadError::Extension { name: packed.cloned().unwrap_or_default() });
+            }
+            None => None,
+            Some(view) => Some(
+                self.entries(view, accessor.byte_offset, size, accessor.count)?
+                    .ok_or(wrong("is longer than its part of the buffer"))?,
+            ),
+        };
         let numbers = accessor.count.saturating_mul(N);
         self.left = self
             .left
             .checked_sub(numbers)
             .ok_or(GlbReadError::Repetition { most: MOST_PER_BYTE })?;
-        let number = |at: usize| {
-            let (number, largest) = component.read(&view.bytes[at..]);
+        let number = |bytes: &[u8], at: usize| {
+            let (number, largest) = component.read(&bytes[at..]);
             if accessor.normalized { (number / largest).max(-1.0) } else { number }
         };
-        let row = |k: usize| {
-            let start = accessor.byte_offset + k * stride;
-            std::array::from_fn(|k| number(start + k * component.size()))
-        };
-        Ok((0..accessor.count).map(row).collect())
+        let row = |row| array::from_fn(|k| number(row, k * component.size()));
+        // Without bytes all of it is zero.
+        let mut rows =
+            entries.map_or(vec![[0.0; N]; accessor.count], |rows| rows.map(row).collect());
+        if let Some(Sparse { count, indices, values }) = &accessor.sparse {
+            let of_index = indices.component_type.and_then(Component::new);
+            let of_index = of_index.ok_or(wrong("has sparse indices of an unknown type"))?;
+            let broken = || wrong("has sparse entries outside of the buffer");
+            let places =
+                self.entries(indices.buffer_view, indices.byte_offset, of_index.size(), *count);
+            let values = self.entries(values.buffer_view, values.byte_offset, size, *count)?;
+            for (place, value) in places?.ok_or(broken())?.zip(values.ok_or(broken())?) {
+                let entry = rows.get_mut(of_index.read(place).0 as usize);
+                *entry.ok_or(wrong("has a sparse entry behind its end"))? = row(value);
+            }
+        }
+        Ok(rows)
+    }
+
+    /// So many entries of this size in a view, from this byte on; none if they are not inside of it or lie on each other.
+    fn entries(
+        &self,
+        view: usize,
+        offset: usize,
+        size: usize,
+        count: usize,
+    ) -> Result<Option<impl Iterator<Item = &'a [u8]> + use<'a>>, GlbReadError> {
+        let View { bytes, stride } = self.view(view)?;
+        let stride = stride.unwrap_or(size);
+        let last = count.saturating_sub(1).saturating_mul(stride);
+        let end = offset.saturating_add(last).saturating_add(size);
+        let is_inside = count == 0 || end <= bytes.len();
+        Ok((size <= stride && is_inside)
+            .then(|| (0..count).map(move |k| &bytes[offset + k * stride..][..size])))
     }
 
     /// The corners that an accessor lists, each below `count`.

@@ -1,5 +1,7 @@
 //! Reads glTF whose buffers and pictures are files of their own, or stand in the document as text: as the GLB file that says the same.
 
+use std::collections::HashMap;
+
 use base64::Engine as _;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
@@ -10,7 +12,8 @@ use percent_encoding::percent_decode_str;
 use serde_json::{Value as Json, json};
 use thiserror::Error;
 
-use super::{GlbReadError, container, read};
+use super::read::read_noted;
+use super::{GlbReadError, container};
 
 /// As RFC 4648, section 4, has it; the signs at its end may be missing, and what is over in its last bits is no fault.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -77,49 +80,42 @@ fn read_gltf(file: &Reading<'_>) -> Result<Mesh, GltfError> {
         GlbReadError::Document { line, column, reason: error.to_string() }
     })?;
     let (mut bytes, mut starts) = (Vec::new(), Vec::new());
+    // A file may be named any number of times, and is read once.
+    let mut known: HashMap<&str, (usize, usize)> = HashMap::new();
     for (index, buffer) in list(&document, "buffers").iter().enumerate() {
-        let uri = buffer["uri"].as_str().ok_or("it names no file".to_owned());
-        let content = uri.and_then(|uri| content(uri, file));
-        let content = content.map_err(|why| GltfError::Buffer { index, why })?;
-        let (found, expected) = (content.len(), buffer["byteLength"].as_u64().unwrap_or(0));
+        let refused = |why| GltfError::Buffer { index, why };
+        let uri = buffer["uri"].as_str().ok_or(refused("it names no file".to_owned()))?;
+        let (start, found) = match known.get(uri) {
+            Some(known) => *known,
+            None => {
+                let content = content(uri, file).map_err(refused)?;
+                *known.entry(uri).or_insert((appended(&mut bytes, &content), content.len()))
+            }
+        };
+        let expected = buffer["byteLength"].as_u64().unwrap_or(0);
         if (found as u64) < expected {
             return Err(GltfError::Short { index, found, expected });
         }
-        starts.push(appended(&mut bytes, &content));
+        starts.push(start);
     }
     for view in parts(&mut document, "bufferViews") {
         // A buffer that is not there stays one, for the error.
         let start = view["buffer"].as_u64().and_then(|index| starts.get(index as usize));
         if let Some(start) = start {
-            view["byteOffset"] = (view["byteOffset"].as_u64().unwrap_or(0) + *start as u64).into();
+            let offset = view["byteOffset"].as_u64().unwrap_or(0);
+            view["byteOffset"] = offset.saturating_add(*start as u64).into();
             view["buffer"] = 0.into();
         }
     }
-    let mut views = list(&document, "bufferViews").len();
-    let mut pictures = Vec::new();
-    for (index, image) in parts(&mut document, "images").iter_mut().enumerate() {
-        let Some(uri) = image["uri"].as_str() else { continue };
-        match content(uri, file) {
-            Ok(content) => {
-                let start = appended(&mut bytes, &content);
-                pictures
-                    .push(json!({ "buffer": 0, "byteOffset": start, "byteLength": content.len() }));
-                image["bufferView"] = views.into();
-                views += 1;
-            }
-            Err(why) => file.doubt(format!("picture {index} is left out: {why}")),
-        }
-    }
-    let mut all = list(&document, "bufferViews").to_vec();
-    all.append(&mut pictures);
     let length = bytes.len();
     // What is no document has no fields, and the reader says so.
     if let Some(fields) = document.as_object_mut() {
-        fields.insert("bufferViews".into(), all.into());
         fields.insert("buffers".into(), json!([{ "byteLength": length }]));
     }
     let whole = container(&document, bytes).map_err(|_| GltfError::TooLarge { bytes: length })?;
-    Ok(read(&whole)?)
+    let (mesh, notes) = read_noted(&whole, &|uri| content(uri, file))?;
+    notes.into_iter().for_each(|note| file.doubt(note));
+    Ok(mesh)
 }
 
 fn list<'d>(document: &'d Json, name: &str) -> &'d [Json] {
@@ -139,7 +135,7 @@ fn appended(bytes: &mut Vec<u8>, more: &[u8]) -> usize {
 }
 
 /// What a URI of a document stands for: a file beside it, or the bytes themselves.
-fn content(uri: &str, file: &Reading<'_>) -> Result<Vec<u8>, String> {
+pub(super) fn content(uri: &str, file: &Reading<'_>) -> Result<Vec<u8>, String> {
     match uri.strip_prefix("data:") {
         Some(data) => {
             let (_, text) = data.split_once(";base64,").ok_or("its bytes are not in base64")?;
@@ -160,6 +156,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::glb::read;
     use crate::png;
 
     fn mesh() -> Mesh {

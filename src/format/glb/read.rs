@@ -29,7 +29,7 @@ pub enum GlbReadError {
         reason: String,
     },
     /// An extension without which the file cannot be understood.
-    #[error("the file needs `{name}`, which is not known")]
+    #[error("the file needs `{name}`, which is not read{}", way_out(name))]
     Extension {
         /// The extension's name.
         name: String,
@@ -67,16 +67,45 @@ pub enum GlbReadError {
 ///
 /// The nodes' motions are applied. Vertices at the same place, bit by bit, become one, since glTF splits them where texture
 /// coordinates or normals differ; these become attributes of corners where they do. `TEXCOORD_0` becomes `uv`, `NORMAL`
-/// `normal`, `COLOR_0` `color`, each if all parts have it. The picture of the first material that has one becomes the texture;
-/// pictures in other files are left out, and so are lines, skins, morphs and animations.
+/// `normal`, `COLOR_0` `color`; parts without them have zeros and white. The picture of the first material that has one becomes the texture, and colors
+/// of materials the colors of their parts; pictures in other files are left out, and so are lines, skins, morphs and animations.
 ///
 /// # Errors
 /// If the bytes are not a GLB file of version 2, it contradicts itself, or needs an extension that is not known.
 pub fn read(bytes: &[u8]) -> Result<Mesh, GlbReadError> {
+    read_noted(bytes, &|_| Err("pictures in other files are not read".to_owned()))
+        .map(|(mesh, _)| mesh)
+}
+
+/// Finds a picture that a document names, or says why not.
+pub(super) type Find<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
+
+/// The same, with pictures in other files, and what the user should know of what is left out or understood in one of several ways.
+pub(super) fn read_noted(
+    bytes: &[u8],
+    find: Find<'_>,
+) -> Result<(Mesh, Vec<String>), GlbReadError> {
     let (document, buffer) = container(bytes)?;
-    let mut scene = Scene::new(&document, Buffer::new(&document, buffer, bytes.len()));
+    let mut scene = Scene::new(&document, Buffer::new(&document, buffer, bytes.len()), find);
     scene.collect()?;
     scene.finish()
+}
+
+/// What helps who has a file that needs an extension.
+pub(super) fn way_out(extension: &str) -> &'static str {
+    match extension {
+        "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
+            ": save it without compression, for instance by Blender or `gltf-transform`"
+        }
+        "KHR_texture_basisu" => ": save it with pictures in PNG, JPEG or WebP",
+        _ => ": save it without, for instance by Blender",
+    }
+}
+
+/// The pictures in other files that a GLB file names.
+pub(super) fn pictures(bytes: &[u8]) -> Vec<String> {
+    let document = container(bytes).map(|(document, _)| document).unwrap_or_default();
+    document.images.into_iter().filter_map(|image| image.uri).collect()
 }
 
 /// The two chunks: the document, and the buffer that may be missing.
@@ -100,12 +129,20 @@ fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
         bytes.get(at + 8..end).ok_or(wrong(at, "the chunk is longer than the rest of the file"))
     };
     let text = chunk(12, b"JSON")?;
-    let document: Document = serde_json::from_slice(text).map_err(|error| {
+    // Some programs pad it with zeros in place of spaces.
+    let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
+    let document: Document = serde_json::from_slice(&text[..end]).map_err(|error| {
         let (line, column) = (error.line(), error.column());
         GlbReadError::Document { line, column, reason: error.to_string() }
     })?;
     // What the positions mean is the same with these and without.
-    let known = ["KHR_materials_unlit", "KHR_mesh_quantization"];
+    let known = [
+        "KHR_materials_unlit",
+        "KHR_mesh_quantization",
+        "KHR_texture_transform",
+        "KHR_materials_pbrSpecularGlossiness",
+        "EXT_texture_webp",
+    ];
     if let Some(name) = document.extensions_required.iter().find(|name| !known.contains(&&***name))
     {
         return Err(GlbReadError::Extension { name: name.clone() });
@@ -232,13 +269,21 @@ mod tests {
             error(|d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX)),
             "bufferView 0 is not inside the buffer"
         );
-        assert_eq!(
-            error(|d| d["accessors"][0]["sparse"] = json!({})),
-            "accessor 0 is sparse, which is not read"
-        );
+        let sparse = |index: u32, count: usize| {
+            let indices = json!({ "bufferView": 0, "componentType": index });
+            json!({ "count": count, "indices": indices, "values": { "bufferView": 0 } })
+        };
+        let with_sparse = |sparse: Value| {
+            with_document(|d| d["accessors"][0]["sparse"] = sparse).unwrap_err().to_string()
+        };
+        assert_eq!(with_sparse(sparse(1, 1)), "accessor 0 has sparse indices of an unknown type");
+        assert_eq!(with_sparse(sparse(5121, 999)), "accessor 0 has sparse entries outside of the buffer");
+        let behind = with_sparse(sparse(5125, 3));
+        assert_eq!(behind, "accessor 0 has a sparse entry behind its end");
         assert_eq!(
             error(|d| d["extensionsRequired"] = json!(["KHR_draco_mesh_compression"])),
-            "the file needs `KHR_draco_mesh_compression`, which is not known"
+            "the file needs `KHR_draco_mesh_compression`, which is not read: save it without compression, for instance by Blender or \
+             `gltf-transform`"
         );
         let repeated = error(|d| {
             // A small document shows the mesh some thousand times.

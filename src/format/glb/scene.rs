@@ -1,13 +1,16 @@
 //! The scene of a GLB file put together: its parts moved to their places, vertices joined.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap};
 
-use maquette_value::{Attribute, Column, Image, Mesh, MeshError, Rgb, srgb_from_linear};
+use maquette_value::{
+    Attribute, Column, Image, Mesh, MeshError, Rgb, linear_from_srgb, srgb_from_linear,
+};
 use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
-use super::accessor::{Buffer, Document, Node};
-use super::read::GlbReadError;
+use super::accessor::{Buffer, Document, Node, Primitive, TextureUse, Transform};
+use super::read::{Find, GlbReadError, way_out};
 use crate::corners::{FaceList, with_corners};
+use crate::finite::{self, Finite};
 use crate::picture_file;
 
 /// glTF has meters.
@@ -23,25 +26,54 @@ const FAN: u32 = 6;
 pub(super) struct Scene<'a> {
     document: &'a Document,
     buffer: Buffer<'a>,
+    find: Find<'a>,
     positions: Vec<Point3<f64>>,
-    normals: Option<Vec<[f64; 3]>>,
-    uv: Option<Vec<[f64; 2]>>,
-    colors: Option<Vec<Rgb>>,
+    /// Of each vertex; zeros and white where a part has none.
+    normals: Vec<[f64; 3]>,
+    uv: Vec<[f64; 2]>,
+    colors: Vec<Rgb>,
+    /// How many parts have normals, texture coordinates and colors.
+    with: [usize; 3],
+    parts: usize,
     triangles: Vec<[u32; 3]>,
-    texture: Option<Image>,
+    /// The picture that is shown, and which it is; none if it cannot be had.
+    texture: Option<(Texture, Option<Image>)>,
+    notes: Vec<String>,
+}
+
+/// A picture on a part: its number, and what it is multiplied with.
+type Texture = (usize, [f64; 3]);
+
+/// What a part has its color from.
+struct Paint<'a> {
+    /// Linear.
+    factor: [f64; 3],
+    texture: Option<&'a TextureUse>,
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(document: &'a Document, buffer: Buffer<'a>) -> Self {
+    pub(super) fn new(document: &'a Document, buffer: Buffer<'a>, find: Find<'a>) -> Self {
         Self {
             document,
             buffer,
+            find,
             positions: Vec::new(),
-            normals: Some(Vec::new()),
-            uv: Some(Vec::new()),
-            colors: Some(Vec::new()),
+            normals: Vec::new(),
+            uv: Vec::new(),
+            colors: Vec::new(),
+            with: [0; 3],
+            parts: 0,
             triangles: Vec::new(),
             texture: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Notes once what the user should know.
+    fn note(&mut self, note: impl Into<String>) {
+        let note = note.into();
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
         }
     }
 
@@ -68,9 +100,20 @@ impl<'a> Scene<'a> {
             }
             let motion = parent * node.motion();
             open.extend(node.children.iter().rev().map(|&child| (child, motion)));
+            if node.extensions.contains_key("EXT_mesh_gpu_instancing") {
+                self.note(
+                    "copies by `EXT_mesh_gpu_instancing` are left out: each mesh is read once",
+                );
+            }
+            if node.skin.is_some() {
+                self.note("skins are left out: meshes are read as they are without bones");
+            }
             if let Some(mesh) = node.mesh {
                 self.add_mesh(mesh, &motion)?;
             }
+        }
+        if !self.document.animations.is_empty() {
+            self.note("animations are left out");
         }
         Ok(())
     }
@@ -80,7 +123,16 @@ impl<'a> Scene<'a> {
         let missing = GlbReadError::Part { part: "mesh", index, what: "does not exist" };
         for primitive in &document.meshes.get(index).ok_or(missing)?.primitives {
             if ![POINTS, TRIANGLES, STRIP, FAN].contains(&primitive.mode) {
+                self.note("lines are left out");
                 continue;
+            }
+            if let Some(name) =
+                primitive.extensions.keys().find(|name| name.contains("compression"))
+            {
+                return Err(GlbReadError::Extension { name: name.clone() });
+            }
+            if !primitive.targets.is_empty() {
+                self.note("morph targets are left out");
             }
             let Some(&positions) = primitive.attributes.get("POSITION") else { continue };
             let start = self.positions.len();
@@ -88,7 +140,7 @@ impl<'a> Scene<'a> {
             let count = places.len();
             let place = |place: [f64; 3]| motion.transform_point(&Point3::from(place));
             self.positions.extend(places.into_iter().map(place));
-            self.add_attributes(&primitive.attributes, count, positions, motion)?;
+            self.add_attributes(primitive, count, positions, motion)?;
             let corners = match primitive.indices {
                 Some(indices) => self.buffer.indices(indices, count)?,
                 None => Vec::from_iter(0..count as u32),
@@ -100,22 +152,19 @@ impl<'a> Scene<'a> {
                 corners.map(|corner| corner + start as u32)
             });
             self.triangles.extend(triangles);
-            if self.texture.is_none() && primitive.attributes.contains_key("TEXCOORD_0") {
-                self.texture = self.read_texture(primitive.material)?;
-            }
         }
         Ok(())
     }
 
-    /// Adds what the vertices of a part carry; what it lacks, the whole lacks.
+    /// Adds what the vertices of a part carry.
     fn add_attributes(
         &mut self,
-        attributes: &BTreeMap<String, usize>,
+        primitive: &'a Primitive,
         count: usize,
         positions: usize,
         motion: &Matrix4<f64>,
     ) -> Result<(), GlbReadError> {
-        let attribute = |name| attributes.get(name).copied();
+        let attribute = |name: &str| primitive.attributes.get(name).copied();
         let check = |found: usize| match found == count {
             true => Ok(()),
             false => {
@@ -123,62 +172,181 @@ impl<'a> Scene<'a> {
                 Err(GlbReadError::Part { part: "accessor", index: positions, what })
             }
         };
-        match (&mut self.normals, attribute("NORMAL")) {
-            (Some(all), Some(accessor)) => {
-                let linear: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into_owned();
-                // Cofactors turn normals as the motion turns surfaces, even where it flattens them.
-                let side = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
-                let turn = cofactors(&linear) * side;
-                let rows = self.buffer.rows::<3>(accessor)?;
-                check(rows.len())?;
-                let unit = |normal| (turn * Vector3::from(normal)).try_normalize(0.0);
-                all.extend(
-                    rows.into_iter().map(|row| <[f64; 3]>::from(unit(row).unwrap_or_default())),
-                );
-            }
-            (all, _) => *all = None,
+        let all = self.positions.len();
+        self.parts += 1;
+        if let Some(accessor) = attribute("NORMAL") {
+            let linear: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into_owned();
+            // Cofactors turn normals as the motion turns surfaces, even where it flattens them.
+            let side = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
+            let turn = cofactors(&linear) * side;
+            let rows = self.buffer.rows::<3>(accessor)?;
+            check(rows.len())?;
+            let unit = |normal| (turn * Vector3::from(normal)).try_normalize(0.0);
+            let unit = |row| <[f64; 3]>::from(unit(row).unwrap_or_default());
+            self.normals.extend(rows.into_iter().map(unit));
+            self.with[0] += 1;
         }
-        match (&mut self.uv, attribute("TEXCOORD_0")) {
-            (Some(all), Some(accessor)) => {
-                let rows = self.buffer.rows::<2>(accessor)?;
-                check(rows.len())?;
-                // In glTF (0, 0) is the picture's upper left corner.
-                all.extend(rows.into_iter().map(|[s, t]| [s, 1.0 - t]));
-            }
-            (all, _) => *all = None,
+        self.normals.resize(all, [0.0; 3]);
+        let paint = self.paint(primitive.material);
+        let transform = paint.texture.and_then(|texture| texture.extensions.transform);
+        let set = paint.texture.map_or(0, |texture| texture.tex_coord);
+        let set = transform.and_then(|transform| transform.tex_coord).unwrap_or(set);
+        let set = format!("TEXCOORD_{set}");
+        let uv = attribute(&set);
+        if let Some(accessor) = uv {
+            let rows = self.buffer.rows::<2>(accessor)?;
+            check(rows.len())?;
+            let transform = transform.unwrap_or_default();
+            // In glTF (0, 0) is the picture's upper left corner.
+            let place = |uv| {
+                let [s, t] =
+                    if transform == Transform::default() { uv } else { transform.apply(uv) };
+                [s, 1.0 - t]
+            };
+            self.uv.extend(rows.into_iter().map(place));
+            self.with[1] += 1;
         }
-        match (&mut self.colors, attribute("COLOR_0")) {
-            (Some(all), Some(accessor)) => {
-                let rows = self.buffer.rows::<3>(accessor)?;
-                check(rows.len())?;
-                all.extend(rows.into_iter().map(|color| color.map(srgb_from_linear)));
+        self.uv.resize(all, [0.0; 2]);
+        let texture = self.read_texture(paint.texture.filter(|_| uv.is_some()), paint.factor)?;
+        let has_factor = paint.factor != [1.0; 3] && !texture;
+        let by = if texture { [1.0; 3] } else { paint.factor };
+        let color = |[r, g, b]: [f64; 3]| [r * by[0], g * by[1], b * by[2]].map(srgb_from_linear);
+        if let Some(accessor) = attribute("COLOR_0") {
+            let rows = self.buffer.rows::<3>(accessor)?;
+            check(rows.len())?;
+            self.colors.extend(rows.into_iter().map(color));
+        }
+        self.with[2] += usize::from(has_factor || attribute("COLOR_0").is_some());
+        self.colors.resize(all, color([1.0; 3]));
+        for name in primitive.attributes.keys() {
+            // Tangents are those of the texture coordinates, and bones are told of.
+            let is_read = ["POSITION", "NORMAL", "COLOR_0", "TANGENT", &set].contains(&&**name);
+            if !is_read && !name.starts_with("JOINTS_") && !name.starts_with("WEIGHTS_") {
+                self.note(format!("the attribute `{name}` is left out"));
             }
-            (all, _) => *all = None,
         }
         Ok(())
     }
 
-    /// The picture of a material, if it has one in this file.
-    fn read_texture(&self, material: Option<usize>) -> Result<Option<Image>, GlbReadError> {
+    /// What a part of this material has its color from; what else the material has is noted.
+    fn paint(&mut self, material: Option<usize>) -> Paint<'a> {
         let document = self.document;
-        let material = material.and_then(|material| document.materials.get(material));
-        let shading = material.and_then(|material| material.pbr_metallic_roughness.as_ref());
-        let texture = shading.and_then(|shading| shading.base_color_texture.as_ref());
-        let Some(texture) = texture.filter(|texture| texture.tex_coord == 0) else {
-            return Ok(None);
+        let Some(material) = material.and_then(|material| document.materials.get(material)) else {
+            return Paint { factor: [1.0; 3], texture: None };
         };
-        let source = document.textures.get(texture.index).and_then(|texture| texture.source);
-        let image = source.and_then(|source| document.images.get(source));
-        let Some(view) = image.and_then(|image| image.buffer_view) else { return Ok(None) };
-        Ok(Some(picture_file::read(self.buffer.view(view)?.bytes)?))
+        let shading = &material.pbr_metallic_roughness;
+        let maps = [
+            ("normals", &material.normal_texture),
+            ("metal and roughness", &shading.metallic_roughness_texture),
+            ("occlusion", &material.occlusion_texture),
+            ("emission", &material.emissive_texture),
+        ];
+        for (what, map) in maps {
+            if map.is_some() {
+                self.note(format!(
+                    "the picture of {what} is left out: a mesh has one picture, of its color"
+                ));
+            }
+        }
+        for (name, extension) in &material.extensions.others {
+            let is_picture = |(key, _): (&String, _)| key.ends_with("Texture");
+            if extension.as_object().is_some_and(|extension| extension.iter().any(is_picture)) {
+                self.note(format!(
+                    "pictures of `{name}` are left out: a mesh has one picture, of its color"
+                ));
+            }
+        }
+        let (mut factor, mut texture) =
+            (shading.base_color_factor, shading.base_color_texture.as_ref());
+        if let Some(glossiness) = &material.extensions.glossiness
+            && factor.is_none()
+            && texture.is_none()
+        {
+            (factor, texture) = (glossiness.diffuse_factor, glossiness.diffuse_texture.as_ref());
+        }
+        let [red, green, blue, _] = factor.unwrap_or([1.0; 4]);
+        Paint { factor: [red, green, blue], texture }
     }
 
-    pub(super) fn finish(self) -> Result<Mesh, GlbReadError> {
+    /// Takes the picture of a part as that of the mesh, if no other is; whether the part has one.
+    fn read_texture(
+        &mut self,
+        texture: Option<&TextureUse>,
+        factor: [f64; 3],
+    ) -> Result<bool, GlbReadError> {
+        let document = self.document;
+        let Some(texture) = texture else { return Ok(false) };
+        let Some(found) = document.textures.get(texture.index) else { return Ok(false) };
+        let Some(source) = found.picture() else {
+            if let Some(name) = found.unread() {
+                self.note(format!("a picture is left out, which needs `{name}`{}", way_out(name)));
+            }
+            return Ok(false);
+        };
+        let wanted = (source, factor);
+        if let Some((shown, _)) = &self.texture {
+            if *shown != wanted {
+                self.note("the mesh has several pictures, but shows the first, also where another one belongs");
+            }
+            return Ok(true);
+        }
+        let Some(image) = document.images.get(source) else { return Ok(false) };
+        let image = match (image.buffer_view, &image.uri) {
+            (Some(view), _) => Some(picture_file::read(self.buffer.view(view)?.bytes)?),
+            (None, Some(uri)) => {
+                let read =
+                    |bytes: Vec<u8>| picture_file::read(&bytes).map_err(|error| error.to_string());
+                let image = (self.find)(uri).and_then(read);
+                image.map_err(|why| self.note(format!("picture {source} is left out: {why}"))).ok()
+            }
+            (None, None) => None,
+        };
+        let image =
+            image.map(|image| if factor == [1.0; 3] { image } else { multiplied(&image, factor) });
+        self.texture = Some((wanted, image));
+        Ok(true)
+    }
+
+    /// The mesh, and what the user should know.
+    pub(super) fn finish(mut self) -> Result<(Mesh, Vec<String>), GlbReadError> {
         if self.positions.is_empty() {
             return Err(GlbReadError::Empty);
         }
+        let names = ["normals", "texture coordinates", "colors"];
+        for (name, with) in names.into_iter().zip(self.with) {
+            let without = self.parts - with;
+            if with > 0 && without > 0 {
+                let none = if name == "colors" { "is white" } else { "are zeros" };
+                self.note(format!(
+                    "{without} of {} parts have no {name}: there {none} in place of them",
+                    self.parts
+                ));
+            }
+        }
+        let [has_normals, has_uv, has_colors] = self.with.map(|with| with > 0);
+        let finite = Finite::of(&mut self.positions);
+        let mend =
+            finite::mend(&mut self.normals, "normal", "vertex", |index| finite.contains(index));
+        let uv = finite::mend(&mut self.uv, "uv", "vertex", |index| finite.contains(index));
+        self.notes.extend(mend.into_iter().chain(uv));
+        // Triangles with a corner nowhere are left out, and so are such points of a cloud.
+        let before = self.triangles.len();
+        self.triangles
+            .retain(|corners| corners.iter().all(|&corner| finite.contains(corner as usize)));
+        self.notes.extend(finite::doubt(before - self.triangles.len(), "face"));
+        let is_cloud = before == 0;
+        if is_cloud {
+            self.notes.extend(finite::doubt(finite.n_left_out(), "point"));
+            finite.retain(&mut self.positions);
+            finite.retain(&mut self.normals);
+            finite.retain(&mut self.uv);
+            finite.retain(&mut self.colors);
+            if self.positions.is_empty() {
+                return Err(GlbReadError::Empty);
+            }
+        }
         // Points of a cloud that coincide stay apart; corners of triangles do not.
-        let (positions, vertices) = match self.triangles.is_empty() {
+        let (positions, vertices) = match is_cloud {
             true => (self.positions, None),
             false => {
                 let (positions, vertices) = join(&self.positions);
@@ -190,26 +358,42 @@ impl<'a> Scene<'a> {
         for triangle in &self.triangles {
             list.push(&triangle.map(vertex));
         }
+        self.notes.extend(list.notes());
         let (faces, origins) = list.finish()?;
         let corners = self.triangles.as_flattened();
         let mut mesh = Mesh::new(positions, faces)?;
-        let textured = self.uv.is_some();
-        if let Some(uv) = self.uv {
-            mesh = carry(mesh, "uv", uv, &origins, corners, [0.0; 2], Attribute::Pair)?;
+        if has_uv {
+            mesh = carry(mesh, "uv", self.uv, &origins, corners, [0.0; 2], Attribute::Pair)?;
         }
-        if let Some(normals) = self.normals {
-            mesh = carry(mesh, "normal", normals, &origins, corners, [0.0; 3], Attribute::Vector)?;
+        if has_normals {
+            mesh = carry(
+                mesh,
+                "normal",
+                self.normals,
+                &origins,
+                corners,
+                [0.0; 3],
+                Attribute::Vector,
+            )?;
         }
-        if let Some(colors) = self.colors {
-            // Colors belong to vertices; where they differ at one the last counts.
-            let mut joined = vec![[0; 3]; mesh.positions().len()];
-            for (index, color) in (0..).zip(colors) {
-                joined[vertex(index) as usize] = color;
-            }
-            mesh = mesh.with_vertex("color", Attribute::Color(joined.into()))?;
+        if has_colors {
+            mesh = carry(mesh, "color", self.colors, &origins, corners, [0; 3], Attribute::Color)?;
         }
-        Ok(mesh.with_texture(self.texture.filter(|_| textured)))
+        let texture = self.texture.and_then(|(_, image)| image);
+        Ok((mesh.with_texture(texture.filter(|_| has_uv)), self.notes))
     }
+}
+
+/// A picture whose colors are multiplied with a linear one.
+fn multiplied(image: &Image, factor: [f64; 3]) -> Image {
+    let table = factor.map(|factor| {
+        Vec::from_iter(
+            (0..=255).map(|level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor)),
+        )
+    });
+    let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
+    let pixels = Vec::from_iter(image.pixels().iter().map(color));
+    Image::new(image.width(), image.height(), pixels).expect("a picture of the same size")
 }
 
 /// Adds data of the file's vertices to a mesh: as they are for a cloud, else by way of the corners that were kept.

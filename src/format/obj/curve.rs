@@ -3,7 +3,7 @@
 use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 
-use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, words};
+use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, without_comment, words};
 
 /// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
 /// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.
@@ -45,7 +45,7 @@ struct Spline {
 
 impl Reader {
     fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), ObjError> {
-        let mut words = words(text);
+        let mut words = words(without_comment(text));
         match words.next() {
             Some(b"v") => {
                 let ([x, y, z, weight, ..], count) = numbers::<5>(words, 3, line)?;

@@ -9,11 +9,12 @@ use maquette_node::provenance::{Signature, comment_of_obj};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
-use maquette_value::{Column, Mesh, Rgb};
+use maquette_value::{Attribute, Column, Mesh, MeshError, Rgb};
 
+use super::material::Layout;
 use crate::corners::split;
 use crate::upright::upright;
-use crate::{check_mesh, coarse_mesh, png};
+use crate::{check_mesh, coarse_mesh, picture_file, png};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(crate) struct MeshObj;
@@ -196,15 +197,33 @@ fn push_index(text: &mut Vec<u8>, index: u32) {
         .expect("numbers are JSON, and a vector takes all bytes");
 }
 
+/// The mesh with its texture coordinates where a picture of this layout wants them.
+fn laid(mesh: Mesh, layout: Layout) -> Result<Mesh, MeshError> {
+    if layout == Layout::default() {
+        return Ok(mesh);
+    }
+    let lay = |uv: &Column<[f64; 2]>| {
+        let place = |k: usize, x: f64| x * layout.scale[k] + layout.offset[k];
+        Attribute::Pair(uv.iter().map(|uv| [place(0, uv[0]), place(1, uv[1])]).collect())
+    };
+    let (vertex, corner) = (mesh.vertex().pairs("uv").map(lay), mesh.corner().pairs("uv").map(lay));
+    let mesh = vertex.into_iter().try_fold(mesh, |mesh, uv| mesh.with_vertex("uv", uv))?;
+    corner.into_iter().try_fold(mesh, |mesh, uv| mesh.with_corner("uv", uv))
+}
+
 impl FileReader for MeshObj {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["obj"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        let mut find = |name: &str| file.companion(name);
-        let (mesh, doubts) = super::read_textured(file.bytes(), &mut find)?;
-        doubts.into_iter().for_each(|doubt| file.doubt(doubt));
-        Ok(mesh)
+        let (mesh, notes) = super::read_noted(file.bytes())?;
+        notes.into_iter().for_each(|note| file.doubt(note));
+        let found = super::picture(file.bytes(), &mut |name| file.companion(name));
+        found.doubts.into_iter().for_each(|doubt| file.doubt(doubt));
+        Ok(match found.file {
+            Some((name, _)) => picture_file::on_mesh(laid(mesh, found.layout)?, &name, file),
+            None => mesh,
+        })
     }
 
     const COMPANIONS: Option<fn(&Reading<'_>)> =

@@ -69,6 +69,22 @@ pub(super) struct Field {
     pub(super) bytes: usize,
 }
 
+/// How many numbers beside places, normals and colors are read at most: a descriptor of a point has some hundred.
+const MOST_OTHERS: usize = 1024;
+
+impl Field {
+    /// A field for each number of this one, with the name of this one, or that and its place if there are several.
+    fn each(&self, name: &str) -> Vec<(String, Self)> {
+        let bytes = size(self.scalar);
+        let count = self.bytes / bytes;
+        let one = |k: usize| {
+            let name = if count == 1 { name.to_owned() } else { format!("{name}_{k}") };
+            (name, Self { offset: self.offset + k * bytes, index: self.index + k, ..*self })
+        };
+        (0..count.min(MOST_OTHERS)).map(one).collect()
+    }
+}
+
 /// How the points are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
@@ -86,8 +102,14 @@ pub(super) struct Header {
     pub(super) height_line: usize,
     /// x, y and z.
     pub(super) place: [Field; 3],
-    /// `normal_x`, `normal_y` and `normal_z`.
+    /// `normal_x`, `normal_y` and `normal_z`, or `nx`, `ny` and `nz`.
     pub(super) normal: Option<[Field; 3]>,
+    /// Fields `r`, `g` and `b`.
+    pub(super) channels: Option<[Field; 3]>,
+    /// All others, with a name for each of their numbers.
+    pub(super) others: Vec<(String, Field)>,
+    /// Whether the points are seen from another place than the origin, or turned.
+    pub(super) has_viewpoint: bool,
     /// Four bytes with blue first.
     pub(super) color: Option<Field>,
     /// Bytes per point.
@@ -196,18 +218,35 @@ fn layout(
         index.map(|index| fields[index]).filter(|field| field.bytes > 0)
     };
     let place = |name| find(name).ok_or(PcdError::NoField { name });
-    let normal = || Some([find("normal_x")?, find("normal_y")?, find("normal_z")?]);
+    let three = |[a, b, c]: [&'static str; 3]| Some([find(a)?, find(b)?, find(c)?]);
+    let normal = three(["normal_x", "normal_y", "normal_z"]).or_else(|| three(["nx", "ny", "nz"]));
     let last = fields.last().ok_or(PcdError::NoField { name: "x" })?;
     let color = find("rgb").or_else(|| find("rgba"));
+    let color = color.filter(|field| {
+        matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
+    });
+    let channels = three(["r", "g", "b"]).or_else(|| three(["red", "green", "blue"]));
+    let place = [place("x")?, place("y")?, place("z")?];
+    let read = place.iter().chain(normal.iter().flatten()).chain(&color).chain(channels.iter().flatten());
+    let read = Vec::from_iter(read.map(|field| field.index));
+    let others = names.iter().zip(&fields).filter(|(name, field)| {
+        !read.contains(&field.index) && field.bytes > 0 && **name != b"_"
+    });
+    let others = others.flat_map(|(name, field)| field.each(&String::from_utf8_lossy(name)));
+    let seen_from = lines.find("VIEWPOINT").map_or(&[][..], |(_, words)| words);
+    let usual = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+    let has_viewpoint = seen_from.iter().zip(usual).any(|(word, usual)| parse(word) != Some(usual));
+    let others = others.take(MOST_OTHERS).collect();
     let header = Header {
         width,
         height,
         height_line,
-        place: [place("x")?, place("y")?, place("z")?],
-        normal: normal(),
-        color: color.filter(|field| {
-            matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
-        }),
+        place,
+        normal,
+        channels,
+        others,
+        has_viewpoint,
+        color,
         stride: last.offset + last.bytes,
         numbers: last.index + last.bytes / size(last.scalar),
         encoding,

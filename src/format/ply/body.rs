@@ -7,7 +7,7 @@ use maquette_value::parallel::*;
 
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
-use crate::{At, excerpt, parse};
+use crate::{At, excerpt, real};
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {
@@ -71,8 +71,7 @@ impl<'a> Body<'a> {
     /// there or a triangle repeats a corner.
     pub(super) fn take_triangles(&mut self, element: &Element) -> Option<Faces> {
         let [property] = &element.properties[..] else { return None };
-        let known = matches!(&*property.name, "vertex_indices" | "vertex_index")
-            && property.length.is_some_and(|length| length.size() == 1)
+        let known = property.length.is_some_and(|length| length.size() == 1)
             && matches!(property.scalar, Scalar::I32 | Scalar::U32)
             && self.encoding == Encoding::LittleEndian;
         let size = element.count.checked_mul(TRIANGLE).filter(|_| known)?;
@@ -134,6 +133,25 @@ impl<'a> Body<'a> {
         Err(PlyError::Row { at: self.at(), name: element.name.clone() })
     }
 
+    /// What is told of what stands behind the last element, if anything does.
+    pub(super) fn rest(&self) -> Option<String> {
+        let rest = &self.bytes[self.next..];
+        match self.encoding {
+            Encoding::Ascii => {
+                let first = rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
+                let line = self.line + rest[..first].iter().filter(|&&byte| byte == b'\n').count();
+                Some(format!(
+                    "what stands from line {line} on is left out: the header counts fewer rows"
+                ))
+            }
+            _ if rest.is_empty() => None,
+            _ => Some(format!(
+                "{} bytes at the end are left out: the header counts fewer rows",
+                rest.len()
+            )),
+        }
+    }
+
     fn take(&mut self, size: usize) -> Result<&'a [u8], PlyError> {
         let taken = self.bytes[self.next..].get(..size);
         let taken = taken.ok_or(PlyError::Ends { at: At::Byte(self.bytes.len()) })?;
@@ -154,8 +172,8 @@ impl<'a> Body<'a> {
         self.next += blank + length;
         let number = match scalar {
             // Single precision is read as such: twice rounded is not always rightly rounded.
-            Scalar::F32 => parse::<f32>(&rest[..length]).map(f64::from),
-            _ => parse(&rest[..length]),
+            Scalar::F32 => real::<f32>(&rest[..length]).map(f64::from),
+            _ => real(&rest[..length]),
         };
         number.ok_or_else(|| PlyError::Number { at: self.at(), text: excerpt(&rest[..length]) })
     }

@@ -22,8 +22,18 @@ pub(super) struct FaceTable {
 }
 
 impl FaceTable {
-    pub(super) fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
-        if let Some(triangles) = body.take_triangles(element) {
+    /// Reads the faces; as [`triangles`](Self::triangles) only if `alone`, because no others are added to them.
+    pub(super) fn read(
+        element: &Element,
+        body: &mut Body<'_>,
+        alone: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, PlyError> {
+        let corner_list = corner_list(element, notes);
+        if alone
+            && corner_list == Some(0)
+            && let Some(triangles) = body.take_triangles(element)
+        {
             return Ok(Self { triangles: Some(triangles), ..Self::default() });
         }
         let list = FaceList::with_capacity(body.room_for_faces(element));
@@ -34,10 +44,14 @@ impl FaceTable {
             corners.clear();
             uv.clear();
             let before = numbers.len();
-            for Property { name, length, scalar } in &element.properties {
+            for (index, Property { name, length, scalar }) in element.properties.iter().enumerate()
+            {
                 match (length, &**name) {
-                    (Some(length), "vertex_indices" | "vertex_index") => {
-                        read_corners(body, *length, *scalar, &mut corners)?;
+                    (Some(length), _) if corner_list == Some(index) => {
+                        for _ in 0..body.length(*length)? {
+                            let index = body.number(*scalar)?;
+                            corners.push(corner(index, body)?);
+                        }
                     }
                     (Some(length), TEXCOORD | CORNER_UV) => {
                         for _ in 0..body.length(*length)? {
@@ -51,16 +65,21 @@ impl FaceTable {
                 }
             }
             body.end_row(element)?;
-            match table.list.push(&corners) {
-                true => count += 1,
-                false => numbers.truncate(before),
-            }
+            let faces = table.list.push(&corners);
+            count += faces;
+            let row = numbers.split_off(before);
+            (0..faces).for_each(|_| numbers.extend_from_slice(&row));
             match &mut table.uv {
                 Some(all) if uv.len() == 2 * corners.len() => {
                     all.extend_from_slice(uv.as_chunks::<2>().0);
                 }
                 _ => table.uv = None,
             }
+        }
+        let is_uv = |property: &Property| matches!(&*property.name, TEXCOORD | CORNER_UV);
+        if table.uv.is_none() && element.properties.iter().any(is_uv) {
+            notes
+                .push("texture coordinates of faces are left out: some faces have none".to_owned());
         }
         table.uv = table.uv.filter(|uv| !uv.is_empty());
         let scalars = element.properties.iter().filter(|property| property.length.is_none());
@@ -75,20 +94,74 @@ impl FaceTable {
         table.scalars = (!columns.is_empty()).then_some(Table { columns, rows });
         Ok(table)
     }
+
+    /// Adds the triangles of strips: each corner and the two before it are one, every other one the other way round; -1 begins a new strip.
+    pub(super) fn add_strips(
+        &mut self,
+        element: &Element,
+        body: &mut Body<'_>,
+        notes: &mut Vec<String>,
+    ) -> Result<(), PlyError> {
+        let mut corners = Vec::new();
+        for _ in 0..element.count {
+            for Property { name, length, scalar } in &element.properties {
+                match length {
+                    Some(length) if name == "vertex_indices" || name == "vertex_index" => {
+                        corners.clear();
+                        for _ in 0..body.length(*length)? {
+                            let index = body.number(*scalar)?;
+                            corners.push(if index == -1.0 { END } else { corner(index, body)? });
+                        }
+                        for strip in corners.split(|&corner| corner == END) {
+                            for (odd, triangle) in strip.windows(3).enumerate() {
+                                let [a, b, c] = [triangle[0], triangle[1], triangle[2]];
+                                self.list.push(&if odd % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                            }
+                        }
+                    }
+                    Some(length) => body.skip_list(*length, *scalar)?,
+                    None => drop(body.number(*scalar)?),
+                }
+            }
+            body.end_row(element)?;
+        }
+        if self.uv.take().is_some() || self.scalars.take().is_some() {
+            notes
+                .push("attributes of faces are left out: strips of triangles have none".to_owned());
+        }
+        Ok(())
+    }
 }
 
-fn read_corners(
-    body: &mut Body<'_>,
-    length: Scalar,
-    scalar: Scalar,
-    corners: &mut Vec<u32>,
-) -> Result<(), PlyError> {
-    for _ in 0..body.length(length)? {
-        let index = body.number(scalar)?;
-        if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
-            return Err(PlyError::Index { at: body.at(), index });
-        }
-        corners.push(index as u32);
+/// Ends a strip.
+const END: u32 = u32::MAX;
+
+/// The property of faces that is the list of their corners: the one with a usual name, or else the only list of whole numbers.
+fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
+    let is_usual = |property: &Property| {
+        let usual = ["vertex_indices", "vertex_index", "vertexIndex", "vertex_ids", "indices"];
+        property.length.is_some()
+            && usual.iter().any(|name| property.name.eq_ignore_ascii_case(name))
+    };
+    if let Some(usual) = element.properties.iter().position(is_usual) {
+        return Some(usual);
     }
-    Ok(())
+    let is_whole = |property: &Property| property.length.is_some() && !property.scalar.is_float();
+    let mut lists = (0..).zip(&element.properties).filter(|(_, property)| is_whole(property));
+    let found = lists.next().filter(|_| lists.next().is_none());
+    notes.push(match found {
+        Some((_, list)) => format!("the corners of faces are read from the list `{}`", list.name),
+        None => {
+            format!("all {} faces are left out: they have no list `vertex_indices`", element.count)
+        }
+    });
+    found.map(|(index, _)| index)
+}
+
+/// A number that was just read, as that of a vertex.
+fn corner(index: f64, body: &Body<'_>) -> Result<u32, PlyError> {
+    if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
+        return Err(PlyError::Index { at: body.at(), index });
+    }
+    Ok(index as u32)
 }

@@ -142,6 +142,8 @@ pub(super) struct Header {
     pub(super) attributes: Vec<(Kind, String)>,
     /// What our own comments `comment attribute <kind> <name> face` say of the faces' properties.
     pub(super) face_attributes: Vec<(Kind, String)>,
+    /// The pictures that comments `comment TextureFile <name>` name.
+    pub(super) pictures: Vec<String>,
     /// Where the body begins: byte and line.
     pub(super) start: usize,
     pub(super) start_line: usize,
@@ -158,11 +160,17 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
     let (mut info, mut attributes, mut face_attributes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut pictures = Vec::new();
     let mut start = 0;
+    // Very old programs end lines with CR alone.
+    let first = bytes.iter().position(|byte| matches!(byte, b'\r' | b'\n'));
+    let is_cr = first.is_some_and(|at| bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n'));
+    let end_of_line = if is_cr { b'\r' } else { b'\n' };
     for line in 1.. {
         let rest = &bytes[start..];
-        let end = rest.iter().position(|&byte| byte == b'\n');
-        let words = Vec::from_iter(words(&rest[..end.unwrap_or(rest.len())]));
+        let end = rest.iter().position(|&byte| byte == end_of_line);
+        let text = &rest[..end.unwrap_or(rest.len())];
+        let words = Vec::from_iter(words(text));
         if line == 1 && words != [b"ply"] {
             return Err(PlyError::NotPly);
         }
@@ -178,6 +186,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                 let name = String::from_utf8_lossy(name).into_owned();
                 let all = if of.is_empty() { &mut attributes } else { &mut face_attributes };
                 all.extend(Kind::new(kind).map(|kind| (kind, name)));
+            }
+            [b"comment", b"TextureFile", _, ..] => {
+                // A name may have blanks.
+                let text = String::from_utf8_lossy(text);
+                pictures
+                    .extend(text.split_once("TextureFile").map(|(_, name)| name.trim().to_owned()));
             }
             [] | [b"comment" | b"obj_info", ..] => {}
             [b"format", kind, _] => {
@@ -216,6 +230,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                     info,
                     attributes,
                     face_attributes,
+                    pictures,
                     start,
                     start_line,
                 });

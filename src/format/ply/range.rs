@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::body::Body;
 use super::header::{self, Element, Header};
-use super::{PlyError, Property, RGB, Table, skip};
+use super::{PlyError, Property, Table, skip};
 use crate::range_file::{Axes, RangeFile, Rows};
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
@@ -107,7 +107,7 @@ fn gather(
     };
     let points = cells.iter().map(point).collect();
     let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
-    let Some(colors) = vertices.take_colors(RGB) else { return Ok(range) };
+    let Some(colors) = vertices.take_colors(&mut Vec::new()) else { return Ok(range) };
     let color = |&vertex: &u32| colors.get(vertex as usize).copied().unwrap_or_default();
     let colors = cells.iter().map(color).collect();
     Ok(range.with_colors(colors).expect("there is a color for each cell"))

@@ -11,10 +11,11 @@ use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
 use nalgebra::Point3;
 
-use super::header::{CORNER_UV, Kind, TEXCOORD};
+use super::Contents;
+use super::header::{self, CORNER_UV, Kind, TEXCOORD};
 use crate::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::upright::{upright_points, upright_sign};
-use crate::{TooFar, check_mesh, coarse_mesh, finite};
+use crate::{TooFar, check_mesh, coarse_mesh, finite, picture_file};
 
 /// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(crate) struct MeshPly;
@@ -385,11 +386,27 @@ impl FileReader for MeshPly {
     const ENDINGS: &'static [&'static str] = &["ply"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        let (mesh, finite) = super::read_whole(file.bytes())?;
+        let Contents { mesh, finite, notes, face_notes, pictures } =
+            super::read_whole(file.bytes())?;
+        notes.into_iter().chain(face_notes).for_each(|note| file.doubt(note));
         let (mesh, left_out) = finite.mesh(mesh);
         finite::tell(file, left_out, "face");
-        Ok(mesh)
+        if let [first, _, ..] = &pictures[..] {
+            file.doubt(format!(
+                "the file names {} pictures, but the mesh shows one, `{first}`, also where another one belongs",
+                pictures.len()
+            ));
+        }
+        Ok(match pictures.first() {
+            Some(first) => picture_file::on_mesh(mesh, first, file),
+            None => mesh,
+        })
     }
+
+    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
+        let pictures = header::read(file.bytes()).map(|header| header.pictures).unwrap_or_default();
+        pictures.first().into_iter().for_each(|name| drop(file.companion(name)));
+    });
 }
 
 #[cfg(test)]

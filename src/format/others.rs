@@ -1,0 +1,98 @@
+//! What is read of the files of other programs, and what is said of each: `tests/data/others/read.txt`, of which every line was looked at.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use expect_test::expect_file;
+use maquette_node::reading::Reading;
+use maquette_syntax::error::Error;
+use maquette_value::{Mesh, Points};
+
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/others");
+
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        match path.extension().and_then(|ending| ending.to_str()) {
+            None => files(&path, found),
+            Some("ply" | "obj" | "stl" | "glb" | "gltf" | "xyz" | "pcd" | "ptx") => found.push(path),
+            Some(_) => {}
+        }
+    }
+}
+
+/// What a mesh is, in a line.
+fn mesh(mesh: &Mesh) -> String {
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    let area = mesh.faces().iter().flat_map(|face| {
+        face[1..].windows(2).map(|pair| {
+            let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
+            (b - a).cross(&(c - a)).norm() / 2.0
+        })
+    });
+    let area: f64 = area.sum();
+    let mut text = format!(
+        "{} vertices, {} faces, area {area:.2}",
+        mesh.positions().len(),
+        mesh.faces().len()
+    );
+    let domains = [("vertex", mesh.vertex()), ("corner", mesh.corner()), ("face", mesh.face())];
+    for (domain, attributes) in domains {
+        for (name, _) in attributes.iter() {
+            write!(text, ", {domain} {name}").unwrap();
+            if let Some(colors) = attributes.colors(name) {
+                write!(text, " {:?}", &colors[..colors.len().min(4)]).unwrap();
+            }
+            if let Some(pairs) = attributes.pairs(name) {
+                let most = |k: usize| pairs.iter().map(|pair| pair[k]).fold(f64::MIN, f64::max);
+                let least = |k: usize| pairs.iter().map(|pair| pair[k]).fold(f64::MAX, f64::min);
+                write!(text, " {}..{} {}..{}", least(0), most(0), least(1), most(1)).unwrap();
+            }
+        }
+    }
+    if let Some(picture) = mesh.texture() {
+        write!(text, ", picture {}x{}", picture.width(), picture.height()).unwrap();
+    }
+    text
+}
+
+fn points(points: &Points) -> String {
+    let mut text = format!("{} points", points.positions().len());
+    for (name, _) in points.attributes().iter() {
+        write!(text, ", {name}").unwrap();
+    }
+    text
+}
+
+#[test]
+fn files_of_other_programs_are_read_or_refused_with_the_way_out_and_what_is_lost_is_told() {
+    let mut paths = Vec::new();
+    files(Path::new(FOLDER), &mut paths);
+    paths.sort();
+    let mut told = String::new();
+    for path in paths {
+        let bytes = fs::read(&path).unwrap();
+        let folder = path.parent().unwrap();
+        let beside = |name: &str| {
+            let found = fs::read(folder.join(name)).map(Arc::from);
+            found.map_err(|_| format!("there is no file `{name}`"))
+        };
+        let name = path.file_name().unwrap().to_str().unwrap();
+        writeln!(told, "{}", path.strip_prefix(FOLDER).unwrap().display()).unwrap();
+        let mut tell = |what: Result<String, Error>, file: &Reading<'_>| {
+            writeln!(told, "    {}", what.unwrap_or_else(|error| format!("refused: {error}")))
+                .unwrap();
+            file.doubts().iter().for_each(|doubt| writeln!(told, "    warning: {doubt}").unwrap());
+        };
+        let file = Reading::new(name, &bytes, &beside);
+        tell(crate::read::<Mesh>(&file).map(|read| mesh(&read)), &file);
+        if ["ply", "xyz", "pcd", "ptx"].iter().any(|ending| name.ends_with(ending)) {
+            let file = Reading::new(name, &bytes, &beside);
+            tell(crate::read::<Points>(&file).map(|read| points(&read)), &file);
+        }
+    }
+    expect_file![concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/others/read.txt")]
+        .assert_eq(&told);
+}
