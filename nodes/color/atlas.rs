@@ -53,12 +53,12 @@ pub(crate) fn corner_uv(mesh: &Mesh) -> Option<Vec<[f64; 2]>> {
     }
 }
 
-/// The corners of all triangles, polygons as fans, each with its face.
-pub(crate) fn fans(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
+/// The corners of all triangles of a mesh, each with its face.
+fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
     let faces = (0..mesh.faces().len()).flat_map(|face| {
         let first = mesh.faces().first_corner(face) as u32;
-        let count = mesh.faces().face(face).len() as u32;
-        (1..count - 1).map(move |k| (face as u32, [first, first + k, first + k + 1]))
+        let triangles = mesh.face_triangles(face);
+        triangles.map(move |it| (face as u32, it.map(|corner| first + corner)))
     });
     faces.collect()
 }
@@ -77,7 +77,7 @@ fn misfit(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     }
     let mut triangles = Vec::new();
     let mut faces = Vec::new();
-    for (face, corners) in fans(mesh) {
+    for (face, corners) in triangles_of_faces(mesh) {
         let [a, b, c] = corners.map(|it| Vector2::from(uv[it as usize]));
         let twice = (b - a).perp(&(c - a));
         let place = |it: u32| mesh.positions()[mesh.faces().corners()[it as usize] as usize];
@@ -146,7 +146,7 @@ impl Texels {
     ) -> Result<Self, Cancelled> {
         let uv = mesh.corner().pairs("uv").expect("texture coordinates");
         let size = [width as f64, height as f64];
-        let triangles = Vec::from_iter(fans(mesh).into_iter().map(|it| it.1));
+        let triangles = mesh.triangle_corners();
         let corners = |triangle: &[u32; 3]| {
             triangle.map(|it| {
                 Vector2::new(uv[it as usize][0] * size[0], (1.0 - uv[it as usize][1]) * size[1])

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 /// that of `from`, which has faces.
 pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mesh, MeshError> {
     // Places so far away that no distance can be told have what is on the first face.
-    let far = NearestPlace { distance_sq: f64::INFINITY, face: 0, fan: 0, shares: [1.0, 0.0, 0.0] };
+    let far = NearestPlace { distance_sq: f64::INFINITY, face: 0, corners: [0; 3], shares: [1.0, 0.0, 0.0] };
     let nearest = |points: &[Point3<f64>]| -> Vec<NearestPlace> {
         let found = tree.nearest_to_all(points).into_iter();
         found.map(|place| place.unwrap_or(far)).collect()
@@ -15,7 +15,7 @@ pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mes
     // The corner of the triangle that is nearest.
     let corner = |place: &NearestPlace| {
         let most = (0..3).rev().max_by(|&a, &b| place.shares[a].total_cmp(&place.shares[b]));
-        place.corners(from)[most.expect("three corners")] as u32
+        place.corners[most.expect("three corners")]
     };
     let of_vertices = Vec::from_iter(nearest(to.positions()).iter().map(corner));
     let vertices = of_vertices.iter().map(|&corner| from.faces().corners()[corner as usize]);

@@ -2,17 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
-use robust::{Coord, orient2d};
-
-type Flat = [f64; 2];
-
-/// A place without the coordinate along which the normal is longest, so that what was counter-clockwise stays so. Nothing is rounded.
-pub(crate) fn flat(at: Point3<f64>, normal: Vector3<f64>) -> Flat {
-    let axis = normal.iamax();
-    let [x, y] = [(axis + 1) % 3, (axis + 2) % 3].map(|axis| at[axis]);
-    if normal[axis] < 0.0 { [y, x] } else { [x, y] }
-}
+pub(crate) use maquette_value::polygon::flat;
+use maquette_value::polygon::{self, Flat, is_within, orientation};
 
 /// Loops of sides, each of a start and an end, in the order of their lowest vertices.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
@@ -32,12 +23,6 @@ pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
         loops.push(own);
     }
     loops
-}
-
-/// The sign of the area of a triangle: positive if it runs counter-clockwise.
-fn turn([a, b, c]: [Flat; 3]) -> f64 {
-    let coord = |[x, y]: Flat| Coord { x, y };
-    orient2d(coord(a), coord(b), coord(c))
 }
 
 fn area(places: &[Flat]) -> f64 {
@@ -114,11 +99,11 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     let hit = [x, from[1]];
     let tip = corners[farther].1;
     // Of the corners that look inward within the triangle of all three, the one that is least off the ray.
-    let triangle = if turn([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
+    let triangle = if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
     let blocks = |&k: &usize| {
         let at = corners[k].1;
         let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-        turn([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
+        orientation([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
     };
     let slope = |k: usize| {
         let at = corners[k].1;
@@ -134,8 +119,8 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     // Of several corners in this place the one into whose angle the bridge runs.
     let opens = |&k: &usize| {
         let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-        let (left, right) = (turn([place, after, from]) >= 0.0, turn([before, place, from]) >= 0.0);
-        match turn([before, place, after]) > 0.0 {
+        let (left, right) = (orientation([place, after, from]) >= 0.0, orientation([before, place, from]) >= 0.0);
+        match orientation([before, place, after]) > 0.0 {
             true => left && right,
             false => left || right,
         }
@@ -145,83 +130,11 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     Some((polygon, same.find(opens).unwrap_or(first), start))
 }
 
-/// Whether a place is in a triangle that runs counter-clockwise, or on its border.
-fn is_within(triangle: [Flat; 3], at: Flat) -> bool {
-    (0..3).all(|k| turn([triangle[k], triangle[(k + 1) % 3], at]) >= 0.0)
-}
-
-/// What is nearer than this share of a polygon's extent is one place.
-const LINE: f64 = 1e-9;
-
-/// Triangles of a polygon: corners are cut off, at each step the one whose triangle is the least thin.
+/// Triangles of a polygon with its vertices.
 fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
-    let count = corners.len();
-    let mut next = Vec::from_iter((1..count).chain([0]));
-    let mut before = Vec::from_iter([count - 1].into_iter().chain(0..count - 1));
-    let mut left = Vec::from_iter(0..count);
-    let place = |k: usize| corners[k].1;
-    let extent = corners.iter().fold(0.0f64, |most, (_, at)| {
-        most.max((at[0] - place(0)[0]).abs()).max((at[1] - place(0)[1]).abs())
-    });
-    // How good the triangle of a corner is: negative if it cannot be cut off, and how bad that would be.
-    let judge = |k: usize, next: &[usize], before: &[usize], left: &[usize]| -> f64 {
-        let triangle = [before[k], k, next[k]];
-        let ear = triangle.map(place);
-        let twice = turn(ear);
-        let length =
-            |a: Flat, b: Flat| (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]);
-        let longest = (0..3).map(|i| length(ear[i], ear[(i + 1) % 3])).fold(0.0, f64::max);
-        // Where the border runs there and back, nothing is between: what comes from there to the rest must not be cut off by a large triangle.
-        let [there, back] = [before[k], next[k]].map(|end| {
-            let end = place(end);
-            [end[0] - place(k)[0], end[1] - place(k)[1]]
-        });
-        let least = LINE * extent;
-        let is_short = [there, back].iter().any(|it| it[0].abs().max(it[1].abs()) <= least);
-        let along = there[0] * back[0] + there[1] * back[1];
-        if is_short {
-            return 3.0;
-        }
-        if twice.abs() <= least * longest.sqrt() && 0.0 < along {
-            return 2.0;
-        }
-        let shape = if longest > 0.0 { twice / longest } else { 0.0 };
-        if twice <= 0.0 {
-            return shape.min(-f64::MIN_POSITIVE);
-        }
-        let blocks = |other: usize| {
-            let at = place(other);
-            !ear.contains(&at)
-                && is_within(ear, at)
-                && turn([place(before[other]), at, place(next[other])]) <= 0.0
-        };
-        let is_blocked = left.iter().any(|&other| !triangle.contains(&other) && blocks(other));
-        if is_blocked { -2.0 } else { shape }
-    };
-    let mut quality = Vec::from_iter((0..count).map(|k| judge(k, &next, &before, &left)));
-    let mut triangles = Vec::with_capacity(count - 2);
-    while left.len() > 2 {
-        let best = |quality: &[f64]| {
-            let order = |a: &usize, b: &usize| quality[left[*a]].total_cmp(&quality[left[*b]]);
-            (0..left.len()).rev().max_by(order).expect("three corners are left")
-        };
-        let mut at = best(&quality);
-        if quality[left[at]] < 0.0 {
-            // What was in the way may be gone.
-            for &k in &left {
-                quality[k] = judge(k, &next, &before, &left);
-            }
-            at = best(&quality);
-        }
-        let tip = left.remove(at);
-        let (a, c) = (before[tip], next[tip]);
-        triangles.push([a, tip, c].map(|k| corners[k].0));
-        (next[a], before[c]) = (c, a);
-        for k in [a, c] {
-            quality[k] = judge(k, &next, &before, &left);
-        }
-    }
-    triangles
+    let flat = Vec::from_iter(corners.iter().map(|corner| corner.1));
+    let triangles = polygon::clip_ears(&flat).into_iter();
+    triangles.map(|it| it.map(|corner| corners[corner as usize].0)).collect()
 }
 
 #[cfg(test)]
@@ -274,7 +187,7 @@ mod tests {
             &[[0., 0.], [1., 0.], [2., 0.], [3., 0.], [3., 3.], [2., 3.], [1., 3.], [0., 3.]];
         check(&[sides]);
         let triangles = triangulate(&[Vec::from_iter(0..8)], |vertex| sides[vertex as usize]);
-        assert!(triangles.iter().all(|it| turn(it.map(|vertex| sides[vertex as usize])) > 0.0));
+        assert!(triangles.iter().all(|it| orientation(it.map(|vertex| sides[vertex as usize])) > 0.0));
     }
 
     #[test]

@@ -336,7 +336,7 @@ impl<'a> Buffers<'a> {
         accessor
     }
 
-    /// Faces with more than three corners become fans.
+    /// Faces with more than three corners are cut into triangles.
     fn triangles(&mut self, vertices: Vertices<'a>) -> usize {
         let faces = vertices.mesh.faces();
         let table = match (vertices.split, faces.sides()) {
@@ -349,12 +349,10 @@ impl<'a> Buffers<'a> {
             }
             (split, _) => {
                 let corners = split.as_ref().map_or(&faces.corners()[..], |split| &split.of_corner);
-                let mut fans = Vec::with_capacity(corners.len() - 2 * faces.len());
-                for face in 0..faces.len() {
-                    let corners = &corners[faces.first_corner(face)..faces.first_corner(face + 1)];
-                    fans.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
-                }
-                Table::of_column("fan", fans.into(), |&triangle| indices(triangle))
+                let triangles = vertices.mesh.triangle_corners().into_par_iter();
+                let triangles = triangles.map(|it| it.map(|corner| corners[corner as usize]));
+                let triangles: Vec<[u32; 3]> = triangles.collect();
+                Table::of_column("triangle", triangles.into(), |&triangle| indices(triangle))
             }
         };
         let count = table.size() / 4;

@@ -274,7 +274,7 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
     }
 }
 
-/// Writes a mesh as binary STL; polygons become fans of triangles.
+/// Writes a mesh as binary STL; polygons are cut into triangles.
 pub(super) struct MeshStl;
 
 impl FileFormat for MeshStl {
@@ -299,16 +299,14 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
     bytes.resize(80, b' ');
     bytes.extend_from_slice(&count.to_le_bytes());
     let place = |vertex: u32| mesh.positions()[vertex as usize];
-    for face in mesh.faces().iter() {
-        for pair in face[1..].windows(2) {
-            let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
-            let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(Vector3::zeros());
-            bytes.extend_from_slice(floats(normal.into()).as_flattened());
-            for corner in [a, b, c] {
-                bytes.extend_from_slice(floats(corner.coords.into()).as_flattened());
-            }
-            bytes.extend_from_slice(&[0, 0]);
+    for triangle in mesh.triangles().iter() {
+        let [a, b, c] = triangle.map(place);
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(Vector3::zeros());
+        bytes.extend_from_slice(floats(normal.into()).as_flattened());
+        for corner in [a, b, c] {
+            bytes.extend_from_slice(floats(corner.coords.into()).as_flattened());
         }
+        bytes.extend_from_slice(&[0, 0]);
     }
     Ok(bytes)
 }

@@ -23,7 +23,7 @@ pub(super) enum ThreeMfError {
     Empty,
 }
 
-/// Writes a mesh with its texture, or the colors of its vertices; polygons become fans of triangles.
+/// Writes a mesh with its texture, or the colors of its vertices; polygons are cut into triangles.
 pub(super) struct MeshThreeMf;
 
 impl FileFormat for MeshThreeMf {
@@ -178,18 +178,15 @@ fn write_model(
         writeln!(to, "<vertex x=\"{x}\" y=\"{y}\" z=\"{z}\"/>")?;
     }
     to.push_str("</vertices>\n<triangles>\n");
-    let mut first = 0;
-    for face in mesh.faces().iter() {
-        for k in 1..face.len() - 1 {
-            let [a, b, c] = [face[0], face[k], face[k + 1]];
-            write!(to, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"")?;
-            if let Some(looks) = of_corner {
-                let [a, b, c] = [first, first + k, first + k + 1].map(|corner| looks[corner]);
-                write!(to, " pid=\"2\" p1=\"{a}\" p2=\"{b}\" p3=\"{c}\"")?;
-            }
-            to.push_str("/>\n");
+    let vertices = mesh.faces().corners();
+    for corners in mesh.triangle_corners() {
+        let [a, b, c] = corners.map(|corner| vertices[corner as usize]);
+        write!(to, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"")?;
+        if let Some(looks) = of_corner {
+            let [a, b, c] = corners.map(|corner| looks[corner as usize]);
+            write!(to, " pid=\"2\" p1=\"{a}\" p2=\"{b}\" p3=\"{c}\"")?;
         }
-        first += face.len();
+        to.push_str("/>\n");
     }
     to.push_str("</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n");
     // Where x, y and z go, then how far: x stays, y goes up, z to the front, which is -y of a plate.

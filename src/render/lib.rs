@@ -8,7 +8,7 @@
 //! buffer that remembers the nearest face of each *sample*, of which a pixel has 3 x 3; then each pixel is shaded once for
 //! every face that it shows.
 //!
-//! Polygons are drawn as fans of triangles from their first corner.
+//! Polygons are drawn as the triangles that [`Mesh::face_triangles`](maquette_value::Mesh::face_triangles) cuts them into.
 //!
 //! Begin reading in `view.rs`, then `scene.rs` and `raster.rs`; `shapes.rs` prepares the same for a graphics card. This crate knows
 //! values and formats of pictures, but no graph.

@@ -21,7 +21,7 @@ pub(super) const FLAT: f32 = 0.642_787_6;
 pub(super) struct Scene<'a> {
     corners: Cow<'a, [u32]>,
     /// Three corners per triangle; none if all faces are triangles.
-    fans: Option<Vec<[u32; 3]>>,
+    triangles: Option<Vec<[u32; 3]>>,
     pub(super) spots: Vec<Spot>,
     /// In view space.
     places: Vec<[f32; 3]>,
@@ -71,7 +71,7 @@ pub(super) struct Triangle {
 impl<'a> Scene<'a> {
     pub(super) fn new(meshes: &[&'a Mesh], camera: &Camera) -> Self {
         let perspective = camera.weighs_by_nearness();
-        let (corners, fans) = triangles_of(meshes);
+        let (corners, triangles) = triangles_of(meshes);
         let (mut spots, mut places) = (Vec::new(), Vec::new());
         let (mut skins, mut first) = (Vec::with_capacity(meshes.len()), [0; 2]);
         for &mesh in meshes {
@@ -90,18 +90,20 @@ impl<'a> Scene<'a> {
             append(&mut spots, seen.0);
             append(&mut places, seen.1);
         }
-        Self { corners, fans, spots, places, skins, perspective }
+        Self { corners, triangles, spots, places, skins, perspective }
     }
 
     /// Number of triangles.
     pub(super) fn len(&self) -> usize {
-        self.fans.as_ref().map_or(self.corners.len() / 3, Vec::len)
+        self.triangles.as_ref().map_or(self.corners.len() / 3, Vec::len)
     }
 
     pub(super) fn triangle(&self, index: usize) -> Triangle {
         let first = 3 * index as u32;
-        let corners =
-            self.fans.as_ref().map_or_else(|| [first, first + 1, first + 2], |fans| fans[index]);
+        let corners = match &self.triangles {
+            Some(triangles) => triangles[index],
+            None => [first, first + 1, first + 2],
+        };
         Triangle { corners, vertices: each(|k| self.corners[corners[k] as usize]) }
     }
 
@@ -263,29 +265,29 @@ impl<'a> Paint<'a> {
 
 /// The vertex of each corner of all meshes, and the corners of each triangle if some faces are none.
 fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]>>) {
-    let fans = meshes.iter().any(|mesh| mesh.faces().sides() != Some(3));
-    let fans = fans.then(|| fans_of(meshes));
+    let has_polygons = meshes.iter().any(|mesh| mesh.faces().sides() != Some(3));
+    let triangles = has_polygons.then(|| triangle_corners(meshes));
     if let [mesh] = meshes {
-        return (Cow::Borrowed(mesh.faces().corners()), fans);
+        return (Cow::Borrowed(mesh.faces().corners()), triangles);
     }
     let (mut corners, mut first) = (Vec::new(), 0);
     for mesh in meshes {
         corners.extend(mesh.faces().corners().iter().map(|vertex| first + vertex));
         first += mesh.positions().len() as u32;
     }
-    (Cow::Owned(corners), fans)
+    (Cow::Owned(corners), triangles)
 }
 
-pub(super) fn fans_of(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
+/// The triangles of all meshes, with their corners by index among the corners of all meshes.
+fn triangle_corners(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     let mut first = 0;
-    let corners = meshes.iter().map(|mesh| mesh.faces().corners().len()).sum();
-    let mut fans = Vec::with_capacity(corners);
-    for face in meshes.iter().flat_map(|mesh| mesh.faces().iter()) {
-        let sides = face.len() as u32;
-        fans.extend((1..sides - 1).map(|k| [first, first + k, first + k + 1]));
-        first += sides;
-    }
-    fans
+    let of_meshes = meshes.iter().map(|mesh| {
+        let mut triangles = mesh.triangle_corners();
+        triangles.as_flattened_mut().par_iter_mut().for_each(|corner| *corner += first);
+        first += mesh.faces().corners().len() as u32;
+        triangles
+    });
+    of_meshes.reduce(|all, more| [all, more].concat()).unwrap_or_default()
 }
 
 /// Puts a list behind another, without a copy behind an empty one.

@@ -11,7 +11,7 @@ use maquette_value::parallel::*;
 use maquette_value::{Axes, Column, Image, Layer, Mesh};
 use nalgebra::{Point3, Vector3};
 
-use super::scene::{Data, FLAT, Paint, fans_of};
+use super::scene::{Data, FLAT, Paint};
 use super::solid::meshes_of;
 
 mod after;
@@ -66,6 +66,8 @@ pub struct Shape {
     leaning: Vec<Leaning>,
     /// Whether a vertex of the mesh can be several here, because its corners have other data.
     is_split: bool,
+    /// True if all faces have the same number of corners and are fans, so that the number of a triangle tells its face.
+    is_regular: bool,
 }
 
 /// A triangle with corners at which a computed normal leans too far away from it: it has a vertex of its own there.
@@ -124,13 +126,14 @@ impl Shape {
             Some((of_corners, firsts)) => (&of_corners[..], Some(&firsts[..])),
             None => (&corners[..], None),
         };
-        let fans = Fans::of(&mesh);
-        let shared = |triangle| fans.vertices(triangle, of_corners);
-        let lean = |triangle| normals.lean(&mesh, &fans, triangle);
-        let leaning: Vec<Leaning> = (0..fans.len()).into_par_iter().filter_map(lean).collect();
+        let cut = Triangles::of(&mesh);
+        let is_regular = cut.listed.is_none();
+        let shared = |triangle| cut.vertices(triangle, of_corners);
+        let lean = |triangle| normals.lean(&mesh, &cut, triangle);
+        let leaning: Vec<Leaning> = (0..cut.len()).into_par_iter().filter_map(lean).collect();
         let count = firsts.map_or(mesh.positions().len(), <[u32]>::len);
         let own = Own::of(&leaning, count, shared);
-        let mut triangles: Vec<[u32; 3]> = list(fans.len(), shared);
+        let mut triangles: Vec<[u32; 3]> = list(cut.len(), shared);
         own.patch(&leaning, shared, |triangle, vertices| triangles[triangle] = vertices);
 
         let seen = Seen { mesh: &mesh, ruler, paint: &paint, normals: &normals, firsts, own: &own };
@@ -142,7 +145,7 @@ impl Shape {
         let origins = list(count, |k| seen.origin(k)).into();
         let (triangles, fields) = (triangles.into(), fields_of(&mesh).into());
         let computed = normals.computed().cloned();
-        drop((fans, paint, normals));
+        drop((cut, paint, normals));
         Self {
             mesh,
             ruler,
@@ -157,6 +160,7 @@ impl Shape {
             computed,
             leaning,
             is_split,
+            is_regular,
         }
     }
 
@@ -227,34 +231,38 @@ fn welded<K: PartialEq>(
 }
 
 /// The triangles of a mesh's faces.
-struct Fans<'a> {
+struct Triangles<'a> {
     mesh: &'a Mesh,
-    /// The corners of each, if the faces have different numbers of them.
-    mixed: Option<Vec<[u32; 3]>>,
+    /// The corners of each, unless all faces have the same number of corners and are fans.
+    listed: Option<Vec<[u32; 3]>>,
 }
 
-impl<'a> Fans<'a> {
+impl<'a> Triangles<'a> {
     fn of(mesh: &'a Mesh) -> Self {
-        let mixed = mesh.faces().sides().is_none().then(|| fans_of(&[mesh]));
-        Self { mesh, mixed }
+        let is_regular = match mesh.faces().sides() {
+            Some(3) => true,
+            Some(_) => (0..mesh.faces().len()).into_par_iter().all(|face| mesh.is_fan(face)),
+            None => false,
+        };
+        Self { mesh, listed: (!is_regular).then(|| mesh.triangle_corners()) }
     }
 
     fn len(&self) -> usize {
-        match &self.mixed {
-            Some(fans) => fans.len(),
+        match &self.listed {
+            Some(triangles) => triangles.len(),
             None => self.mesh.faces().len() * self.of_face(),
         }
     }
 
-    /// How many each face has, if that is the same for all.
+    /// The number of triangles of each face, if that is the same for all.
     fn of_face(&self) -> usize {
         self.mesh.faces().sides().map_or(0, |sides| sides - 2)
     }
 
-    /// The corners of the mesh's faces that a triangle has.
+    /// The corners of a triangle, by index among the corners of all faces.
     fn corners(&self, triangle: usize) -> [usize; 3] {
-        if let Some(fans) = &self.mixed {
-            return fans[triangle].map(|corner| corner as usize);
+        if let Some(triangles) = &self.listed {
+            return triangles[triangle].map(|corner| corner as usize);
         }
         let (face, k) = (triangle / self.of_face(), triangle % self.of_face());
         let first = face * (self.of_face() + 2);
@@ -360,9 +368,9 @@ impl<'a> Normals<'a> {
     }
 
     /// Whether a computed normal leans too far away from a triangle at a corner of it.
-    fn lean(&self, mesh: &Mesh, fans: &Fans<'_>, triangle: usize) -> Option<Leaning> {
+    fn lean(&self, mesh: &Mesh, cut: &Triangles<'_>, triangle: usize) -> Option<Leaning> {
         let normals = self.computed()?;
-        let vertices = fans.vertices(triangle, mesh.faces().corners()).map(|k| k as usize);
+        let vertices = cut.vertices(triangle, mesh.faces().corners()).map(|k| k as usize);
         let [a, b, c] = vertices.map(|vertex| mesh.positions()[vertex]);
         let flat = (b - a).cross(&(c - a)).try_normalize(0.0)?;
         let lean =

@@ -16,7 +16,7 @@ pub enum Layer {
     /// A picture, a pixel for each pixel or cell of the value.
     Picture(Picture),
     /// Faces: a mesh as it is, with its attributes as colors, normals, texture coordinates and numbers. Faces of more than three corners
-    /// are fans of triangles from their first corner.
+    /// are drawn as the triangles of [`Mesh::face_triangles`].
     Triangles(Box<Mesh>),
     /// Places that nothing connects, with data on each.
     Points(Cloud),

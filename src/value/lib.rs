@@ -13,6 +13,7 @@
 pub mod memory;
 pub mod parallel;
 pub mod plain;
+pub mod polygon;
 pub mod random;
 pub mod simd;
 

@@ -17,6 +17,7 @@ mod nearest;
 mod normals;
 mod parts;
 mod properties;
+mod triangles;
 mod walls;
 
 pub use faces::{Edges, Faces};

@@ -1,5 +1,7 @@
 //! The surface that is given new triangles: as triangles that know their neighbors, and as what new vertices are put on.
 
+use std::iter;
+
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
 use maquette_base::topology::union_find::UnionFind;
@@ -24,18 +26,16 @@ pub(super) struct Original<'a> {
 }
 
 impl<'a> Original<'a> {
-    /// The surface with its features, and its triangles: those of polygons are fans. A vertex that joins several fans of faces becomes one for
+    /// The surface with its features, and its triangles. A vertex that joins several fans of faces becomes one for
     /// each.
     ///
     /// # Errors
     /// If faces around an edge are more than two, or look to different sides.
     pub(super) fn new(mesh: &'a Mesh, length: f64, angle: f64) -> Result<(Self, Net), RemeshError> {
-        let (mut triangles, mut parents) = (Vec::new(), Vec::new());
-        for (parent, face) in (0u32..).zip(mesh.faces().iter()) {
-            triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-            parents.resize(triangles.len(), parent);
-        }
-        let faces = Faces::triangles(triangles);
+        let parents = (0u32..).zip(mesh.faces().iter());
+        let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
+        let parents = Vec::from_iter(parents);
+        let faces = Faces::triangles(mesh.triangles().into_owned());
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
         if crowded > 0 {
@@ -117,7 +117,7 @@ impl<'a> Original<'a> {
         let found = self.tree.nearest_to_all(points).into_iter();
         // Places so far away that no distance can be told have what is on the first face.
         let far =
-            NearestPlace { distance_sq: f64::INFINITY, face: 0, fan: 0, shares: [1.0, 0.0, 0.0] };
+            NearestPlace { distance_sq: f64::INFINITY, face: 0, corners: [0; 3], shares: [1.0, 0.0, 0.0] };
         found.map(|place| place.unwrap_or(far)).collect()
     }
 }
@@ -132,7 +132,7 @@ impl Carry for AtPlaces<'_> {
     fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
         let corners = self.mesh.faces().corners();
         let mixed = |place: &NearestPlace| {
-            let vertices = place.corners(self.mesh).map(|corner| corners[corner]);
+            let vertices = place.corners.map(|corner| corners[corner as usize]);
             let parts = [0, 1, 2].map(|k| (place.shares[k], old[vertices[k] as usize]));
             // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
             let mut parts = Vec::from_iter(parts.into_iter().filter(|(share, _)| *share > 0.0));
@@ -145,7 +145,7 @@ impl Carry for AtPlaces<'_> {
 
 fn on(mesh: &Mesh, place: &NearestPlace) -> (Point3<f64>, Vector3<f64>) {
     let corners = mesh.faces().corners();
-    let [a, b, c] = place.corners(mesh).map(|corner| mesh.positions()[corners[corner] as usize]);
+    let [a, b, c] = place.corners.map(|corner| mesh.positions()[corners[corner as usize] as usize]);
     let (ab, ac) = (b - a, c - a);
     (a + ab * place.shares[1] + ac * place.shares[2], ab.cross(&ac))
 }

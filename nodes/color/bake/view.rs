@@ -151,7 +151,7 @@ impl<'a> View<'a> {
         let begin = ahead + self.tolerance;
         let hit = self.tree.first_hit(place + towards * begin, -towards)?;
         let corners =
-            hit.corners(&self.mesh).map(|corner| self.mesh.faces().corners()[corner] as usize);
+            hit.corners.map(|corner| self.mesh.faces().corners()[corner as usize] as usize);
         let [a, b, c] = corners.map(|it| self.mesh.positions()[it]);
         let double = (b - a).cross(&(c - a));
         let off = (hit.along - begin).abs() * towards.dot(&double) / double.norm() / self.tolerance;

@@ -213,7 +213,7 @@ impl<'a> Carry<'a> {
 
     /// A column of pairs per corner, in which each filled face has those of the place that it copies.
     fn shown(&self, mesh: &Mesh, column: &[[f64; 2]], sources: &Sources) -> Vec<[f64; 2]> {
-        let corners = corners_of_triangles(mesh);
+        let corners = mesh.triangle_corners();
         let mut shown = column.to_vec();
         let filled = shown[mesh.faces().corners().len()..].as_chunks_mut::<3>().0;
         for (face, own) in filled.iter_mut().enumerate() {
@@ -238,17 +238,6 @@ impl<'a> Carry<'a> {
         let unit = |sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default().into();
         data.iter().copied().chain(sums.into_iter().map(unit)).collect()
     }
-}
-
-/// The corners of each triangle of the data, whose polygons are fans.
-fn corners_of_triangles(mesh: &Mesh) -> Vec<[u32; 3]> {
-    let mut first = 0;
-    let mut corners = Vec::with_capacity(mesh.faces().len());
-    for sides in mesh.faces().iter().map(|face| face.len() as u32) {
-        corners.extend((1..sides - 1).map(|k| [first, first + k, first + k + 1]));
-        first += sides;
-    }
-    corners
 }
 
 /// The linear intensity of an sRGB channel, 0 to 1 (IEC 61966-2-1).

@@ -11,7 +11,7 @@ use crate::plain::hole_fill::HoleFill;
 pub(crate) struct Filling {
     /// The data's vertices in their order, which never move, then the filled ones.
     pub(crate) points: Vec<Point3<f64>>,
-    /// The data's triangles (polygons as fans), which never change, then the filled ones.
+    /// The data's triangles, which never change, then the filled ones.
     pub(crate) faces: Vec<[u32; 3]>,
     /// How many vertices are data.
     pub(crate) data: usize,
@@ -22,15 +22,7 @@ pub(crate) struct Filling {
 impl Filling {
     /// A mesh without anything filled.
     pub(crate) fn new(mesh: &Mesh) -> Self {
-        let faces = match mesh.faces().as_triangles() {
-            Some(triangles) => triangles.to_vec(),
-            None => {
-                let fan = |face: &[u32]| -> Vec<[u32; 3]> {
-                    (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]).collect()
-                };
-                mesh.faces().iter().flat_map(fan).collect()
-            }
-        };
+        let faces = mesh.triangles().into_owned();
         let (data, kept) = (mesh.positions().len(), faces.len());
         Self { points: mesh.positions().to_vec(), faces, data, kept }
     }

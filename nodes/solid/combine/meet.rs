@@ -90,9 +90,9 @@ impl<'a> Pair<'a> {
                 start = triangles.len();
             }
             let first = faces.first_corner(number) as u32;
-            triangles.extend((1..face.len() - 1).map(|k| Triangle {
-                vertices: [face[0], face[k], face[k + 1]],
-                corners: [first, first + k as u32, first + k as u32 + 1],
+            triangles.extend(mesh.face_triangles(number).map(|it| Triangle {
+                vertices: it.map(|corner| face[corner as usize]),
+                corners: it.map(|corner| first + corner),
                 face: number as u32,
             }));
         }

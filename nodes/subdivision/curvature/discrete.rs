@@ -4,7 +4,7 @@ use maquette_base::topology::lists::Lists;
 use maquette_node::{Cancelled, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Faces, Mesh, MeshError};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use super::bending::Bending;
 
@@ -36,23 +36,28 @@ impl Neighbors {
     }
 }
 
-/// The same mesh with each polygon cut into triangles around its middle, which comes after the vertices.
+/// The same mesh with each polygon cut into triangles: around its middle, which comes after the vertices, if all of it can be seen from there,
+/// else along diagonals.
 pub(super) fn triangulated(mesh: &Mesh) -> Result<Mesh, MeshError> {
     if mesh.faces().sides() == Some(3) {
         return Ok(mesh.clone());
     }
     let mut places = mesh.positions().to_vec();
     let mut triangles = Vec::new();
-    for face in mesh.faces().iter() {
-        if let Ok(triangle) = face.try_into() {
-            triangles.push(triangle);
-            continue;
+    for (number, face) in mesh.faces().iter().enumerate() {
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        let sum: Vector3<f64> = face.iter().map(|&vertex| place(vertex).coords).sum();
+        let middle = Point3::from(sum / face.len() as f64);
+        let normal = mesh.area_vector(face);
+        let sides = || face.iter().copied().zip(face.iter().copied().cycle().skip(1));
+        let mut areas = sides().map(|(a, b)| (place(a) - middle).cross(&(place(b) - middle)));
+        if face.len() > 3 && areas.all(|area| area.dot(&normal) >= 0.0) {
+            triangles.extend(sides().map(|(a, b)| [a, b, places.len() as u32]));
+            places.push(middle);
+        } else {
+            let corners = mesh.face_triangles(number);
+            triangles.extend(corners.map(|it| it.map(|corner| face[corner as usize])));
         }
-        let middle = places.len() as u32;
-        let corners = face.iter().map(|&vertex| mesh.positions()[vertex as usize].coords);
-        places.push((corners.sum::<Vector3<f64>>() / face.len() as f64).into());
-        let next = face.iter().cycle().skip(1);
-        triangles.extend(face.iter().zip(next).map(|(&a, &b)| [a, b, middle]));
     }
     Mesh::new(places, Faces::triangles(triangles))
 }

@@ -48,8 +48,8 @@ impl Feet {
         let (points, places): (Vec<Column>, Vec<_>) = near.unzip();
         let corners = fine.faces().corners();
         let (rows, _) = Stencils::build(places.len(), |_: &mut (), k, rows| {
-            for (corner, share) in places[k].corners(fine).into_iter().zip(places[k].shares) {
-                rows.push(corners[corner], share);
+            for (corner, share) in places[k].corners.into_iter().zip(places[k].shares) {
+                rows.push(corners[corner as usize], share);
             }
             rows.end();
         });

@@ -106,8 +106,8 @@ impl Local {
         for (point, place) in points.iter().zip(TriangleTree::new(&fine).nearest_to_all(points)) {
             let place = place?;
             entries.clear();
-            for (corner, share) in place.corners(&fine).into_iter().zip(place.shares) {
-                let row = self.surface.rows.row(fine.faces().corners()[corner] as usize);
+            for (corner, share) in place.corners.into_iter().zip(place.shares) {
+                let row = self.surface.rows.row(fine.faces().corners()[corner as usize] as usize);
                 entries.extend(row.0.iter().zip(row.1).map(|(&index, part)| (index, part * share)));
             }
             equations.add(&entries, *point, 1.0);

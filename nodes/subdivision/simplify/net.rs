@@ -1,6 +1,7 @@
 //! Triangles whose edges collapse.
 
 use std::cmp::Ordering;
+use std::iter;
 
 use maquette_base::linear::carry::Carry;
 use maquette_base::linear::mix::Mix;
@@ -86,13 +87,10 @@ pub(super) struct Net {
 impl Net {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let places = mesh.positions().to_vec();
-        let (mut triangles, mut parents, mut corners) = (Vec::new(), Vec::new(), Vec::new());
-        for (parent, face) in (0..).zip(mesh.faces().iter()) {
-            let first = mesh.faces().first_corner(parent as usize) as u32;
-            triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-            corners.extend((1..face.len() as u32 - 1).map(|k| [first, first + k, first + k + 1]));
-            parents.resize(triangles.len(), parent);
-        }
+        let (triangles, corners) = (mesh.triangles().into_owned(), mesh.triangle_corners());
+        let parents = (0..).zip(mesh.faces().iter());
+        let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
+        let parents = Vec::from_iter(parents);
         let mut around = vec![Vec::new(); places.len()];
         for (index, triangle) in (0..).zip(&triangles) {
             triangle.iter().for_each(|&vertex| around[vertex as usize].push(index));

@@ -215,7 +215,7 @@ fn attributes(
                         let places: Vec<_> = middles.iter().map(|(_, middle)| *middle).collect();
                         tree.nearest_to_all(&places)
                     });
-                    at_middles(&part, other, [old, new], of, hits, tolerance, off)
+                    at_middles(&part, other, old, of, hits, tolerance, off)
                 }
             });
         }
@@ -268,7 +268,7 @@ fn at_vertices(
 ) -> Measure {
     let of = |(place, hit): (usize, &Option<NearestPlace>)| {
         let Some(hit) = hit else { return f64::INFINITY };
-        let corners = hit.corners(new).map(|corner| new.faces().corners()[corner] as usize);
+        let corners = hit.corners.map(|corner| new.faces().corners()[corner as usize] as usize);
         let most = (0..3).max_by(|&a, &b| hit.shares[a].total_cmp(&hit.shares[b])).unwrap_or(0);
         let there = match part.class {
             // What is equal or not has no mean.
@@ -284,18 +284,25 @@ fn at_vertices(
 /// Every n-th face and the middle of its first triangle: there, other than at its corners, only one face is near.
 fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     let middle = |face: usize| {
-        let corners = mesh.faces().face(face)[..3].iter();
-        let sum: Vector3<f64> = corners.map(|&v| mesh.positions()[v as usize].coords).sum();
+        let corners = first_triangle(mesh, face).map(|corner| mesh.faces().corners()[corner]);
+        let sum: Vector3<f64> = corners.map(|v| mesh.positions()[v as usize].coords).into_iter().sum();
         (face, Point3::from(sum / 3.0))
     };
     let count = mesh.faces().len().div_ceil(stride);
     (0..count).into_par_iter().map(|index| middle(index * stride)).collect()
 }
 
+/// The corners of the first triangle of a face, by index among the corners of all faces.
+fn first_triangle(mesh: &Mesh, face: usize) -> [usize; 3] {
+    let first = mesh.faces().first_corner(face);
+    let triangle = mesh.face_triangles(face).next().expect("a face has three corners");
+    triangle.map(|corner| first + corner as usize)
+}
+
 fn at_middles(
     part: &GoldenColumn,
     other: &GoldenColumn,
-    [old, new]: [&Mesh; 2],
+    old: &Mesh,
     of: Of,
     hits: &[Option<NearestPlace>],
     tolerance: &Tolerance,
@@ -306,9 +313,9 @@ fn at_middles(
         if let Of::Face = of {
             return difference(part.class, part.element(face), other.element(hit.face as usize));
         }
-        let first = old.faces().first_corner(face);
-        let here = mixed(part, [first, first + 1, first + 2], [1.0 / 3.0; 3]);
-        difference(part.class, &here, &mixed(other, hit.corners(new), hit.shares))
+        let here = mixed(part, first_triangle(old, face), [1.0 / 3.0; 3]);
+        let there = hit.corners.map(|corner| corner as usize);
+        difference(part.class, &here, &mixed(other, there, hit.shares))
     };
     judged(part, "face", 1, hits.par_iter().enumerate().map(of), tolerance, off)
 }

@@ -8,7 +8,7 @@ use bytemuck::Pod;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Mesh, hash_of};
 
-use super::{Fans, Leaning, Normals, Own, Paint, Ruler, Seen, Shape};
+use super::{Leaning, Normals, Own, Paint, Ruler, Seen, Shape, Triangles};
 
 impl Shape {
     /// What [`new`](Self::new) makes of this mesh, if it is the one here with some vertices elsewhere and there are as many vertices to be
@@ -17,7 +17,7 @@ impl Shape {
         let texture = |mesh: &Mesh| mesh.texture().map(hash_of);
         let is_alike = !self.is_split && self.is_solid == is_solid && self.ruler == ruler;
         let can_lean = self.computed.is_some();
-        if !is_alike || can_lean && mesh.faces().sides().is_none() {
+        if !is_alike || can_lean && !self.is_regular {
             return None;
         }
         let moved =
@@ -27,20 +27,28 @@ impl Shape {
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
             return None;
         }
+        let is_cut_as_before = |&face: &u32| {
+            mesh.face_triangles(face as usize).eq(self.mesh.face_triangles(face as usize))
+        };
+        if mesh.faces().sides() != Some(3)
+            && !mesh.faces_with(&moved.vertices).iter().all(is_cut_as_before)
+        {
+            return None;
+        }
         let (paint, normals) = (Paint::of(mesh), Normals::of(mesh));
-        // Where faces have different numbers of corners none leans here, and no triangle is asked for.
-        let fans = Fans { mesh, mixed: None };
+        // Where triangles are listed none leans here, and no triangle is asked for.
+        let cut = Triangles { mesh, listed: None };
         let turned = match (&self.computed, normals.computed()) {
             (Some(before), Some(now)) => now.changed(before)?,
             _ => moved.normals,
         };
         let leaning = match can_lean {
             true => {
-                self.leaning_after(mesh, &normals, &fans, &[&moved.vertices[..], &turned].concat())
+                self.leaning_after(mesh, &normals, &cut, &[&moved.vertices[..], &turned].concat())
             }
             false => Vec::new(),
         };
-        let shared = |triangle| fans.vertices(triangle, mesh.faces().corners());
+        let shared = |triangle| cut.vertices(triangle, mesh.faces().corners());
         let own = Own::of(&leaning, count, shared);
         if own.end() != self.origins.len() {
             return None;
@@ -71,6 +79,7 @@ impl Shape {
             computed: normals.computed().cloned(),
             leaning,
             is_split: false,
+            is_regular: self.is_regular,
         })
     }
 
@@ -79,15 +88,15 @@ impl Shape {
         &self,
         mesh: &Mesh,
         normals: &Normals<'_>,
-        fans: &Fans<'_>,
+        cut: &Triangles<'_>,
         vertices: &[Range<u32>],
     ) -> Vec<Leaning> {
         let touched = mesh.faces_with(vertices).into_iter();
-        let of_face = fans.of_face();
+        let of_face = cut.of_face();
         let touched =
             touched.flat_map(|face| face as usize * of_face..(face as usize + 1) * of_face);
         let touched = Vec::from_iter(touched);
-        let lean = |&triangle: &usize| normals.lean(mesh, fans, triangle);
+        let lean = |&triangle: &usize| normals.lean(mesh, cut, triangle);
         let mut leaning: Vec<Leaning> = touched.par_iter().filter_map(lean).collect();
         let is_as_before = |it: &&Leaning| touched.binary_search(&it.triangle).is_err();
         leaning.extend(self.leaning.iter().filter(is_as_before));

@@ -18,11 +18,12 @@ impl Mesh {
         &self,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Vec<[u32; 2]>, E> {
-        let faces = (0..).zip(self.faces().iter());
-        let triangles = faces.flat_map(|(number, face)| {
-            face[1..].windows(2).map(move |pair| (number, [face[0], pair[0], pair[1]]))
-        });
-        let triangles: Vec<(u32, [u32; 3])> = triangles.collect();
+        let of_face = |number: usize| {
+            let face = self.faces().face(number);
+            let triangles = self.face_triangles(number);
+            triangles.map(move |it| (number as u32, it.map(|corner| face[corner as usize])))
+        };
+        let triangles: Vec<(u32, [u32; 3])> = (0..self.faces().len()).flat_map(of_face).collect();
         let corners =
             |(_, triangle): &(u32, [u32; 3])| triangle.map(|it| self.positions()[it as usize]);
         let bounds = Vec::from_iter(triangles.iter().map(|it| Bounds::around(&corners(it))));

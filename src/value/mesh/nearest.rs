@@ -23,23 +23,17 @@ pub struct NearestPlace {
     pub distance_sq: f64,
     /// The face.
     pub face: u32,
-    /// The place of its triangle in its fan: triangle `k` has the corners 0, `k + 1` and `k + 2`.
-    pub fan: u32,
+    /// The corners of its triangle, by index among the corners of all faces.
+    pub corners: [u32; 3],
     /// How far each corner of the triangle weighs in the nearest point.
     pub shares: [f64; 3],
 }
 
 impl NearestPlace {
-    /// The corners of its triangle, as places among those of all faces.
-    pub fn corners(&self, mesh: &Mesh) -> [usize; 3] {
-        let (first, fan) = (mesh.faces().first_corner(self.face as usize), self.fan as usize);
-        [first, first + fan + 1, first + fan + 2]
-    }
-
     /// The nearest point.
     pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
-        let corners = self.corners(mesh).map(|corner| mesh.faces().corners()[corner] as usize);
-        let parts = corners.map(|vertex| mesh.positions()[vertex]).into_iter().zip(self.shares);
+        let vertices = self.corners.map(|corner| mesh.faces().corners()[corner as usize] as usize);
+        let parts = vertices.map(|vertex| mesh.positions()[vertex]).into_iter().zip(self.shares);
         parts.fold(Point3::origin(), |sum, (at, share)| sum + at.coords * share)
     }
 }
@@ -49,7 +43,7 @@ type Bounds = [[f32; 3]; 2];
 
 const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
 
-/// The triangles of a mesh (polygons as fans), so sorted that the nearest one is found fast.
+/// The triangles of a mesh, so sorted that the nearest one is found fast.
 pub struct TriangleTree {
     triangles: Vec<Triangle>,
     /// A complete binary tree: the root is at 1, the children of `n` at `2n` and `2n + 1`.
@@ -59,17 +53,17 @@ pub struct TriangleTree {
 
 #[derive(Clone, Copy)]
 struct Triangle {
-    corners: [Point3<f64>; 3],
+    places: [Point3<f64>; 3],
     face: u32,
-    fan: u32,
+    corners: [u32; 3],
 }
 
 impl TriangleTree {
-    /// The tree of a mesh, whose polygons count as fans around their first corners. Cost grows with n log n.
+    /// Sorts the triangles of a mesh, polygons as [`Mesh::face_triangles`] cuts them. Cost grows with n log n.
     pub fn new(mesh: &Mesh) -> Self {
         let unsorted = triangles(mesh);
         let middle = |triangle: &Triangle| {
-            let [a, b, c] = triangle.corners;
+            let [a, b, c] = triangle.places;
             Point3::from((a.coords + b.coords + c.coords) / 3.0)
         };
         let order = along_curve(unsorted.len(), |index| middle(&unsorted[index]), mesh.bounds());
@@ -79,7 +73,7 @@ impl TriangleTree {
         let mut boxes = vec![EMPTY; 2 * leaves];
         let of_leaves = boxes[leaves..].par_iter_mut().zip(triangles.par_chunks(LEAF));
         of_leaves.for_each(|(bounds, leaf)| {
-            let corners = leaf.iter().flat_map(|triangle| triangle.corners);
+            let corners = leaf.iter().flat_map(|triangle| triangle.places);
             *bounds = corners.fold(EMPTY, |bounds, corner| join(bounds, around(corner)));
         });
         for node in (1..leaves).rev() {
@@ -263,11 +257,11 @@ impl Group {
                 continue;
             }
             self.visited += 1;
-            for &Triangle { corners, face, fan } in triangles {
-                let (distance_sq, shares) = to_triangle(self.points[lane], corners);
+            for &Triangle { places, face, corners } in triangles {
+                let (distance_sq, shares) = to_triangle(self.points[lane], places);
                 if distance_sq < self.bounds.0[lane] {
                     self.bounds.0[lane] = distance_sq;
-                    self.best[lane] = Some(NearestPlace { distance_sq, face, fan, shares });
+                    self.best[lane] = Some(NearestPlace { distance_sq, face, corners, shares });
                     self.leaf = leaf;
                 }
             }
@@ -277,22 +271,20 @@ impl Group {
 }
 
 fn triangles(mesh: &Mesh) -> Vec<Triangle> {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let triangle = |face: usize, fan: usize, corners: [u32; 3]| Triangle {
-        corners: corners.map(place),
-        face: face as u32,
-        fan: fan as u32,
+    let vertices = mesh.faces().corners();
+    let triangle = |face: usize, corners: [u32; 3]| {
+        let places = corners.map(|corner| mesh.positions()[vertices[corner as usize] as usize]);
+        Triangle { places, face: face as u32, corners }
     };
-    let faces = mesh.faces();
-    if let Some(triangles) = faces.as_triangles() {
-        let all = triangles.par_iter().enumerate();
-        return all.map(|(face, &corners)| triangle(face, 0, corners)).collect();
+    if mesh.faces().sides() == Some(3) {
+        let faces = (0..mesh.faces().len()).into_par_iter();
+        return faces.map(|face| triangle(face, [0, 1, 2].map(|k| 3 * face as u32 + k))).collect();
     }
-    let fans = (0..faces.len()).into_par_iter().flat_map_iter(|index| {
-        let face = faces.face(index);
-        (1..face.len() - 1).map(move |k| triangle(index, k - 1, [face[0], face[k], face[k + 1]]))
-    });
-    fans.collect()
+    let of_face = |face: usize| {
+        let first = mesh.faces().first_corner(face) as u32;
+        mesh.face_triangles(face).map(move |it| triangle(face, it.map(|corner| first + corner)))
+    };
+    (0..mesh.faces().len()).into_par_iter().flat_map_iter(of_face).collect()
 }
 
 /// The indices of points in such an order that neighbors in it are near each other.

@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Bounds, LEAF, NearestPlace, Triangle, TriangleTree};
+use super::{Bounds, LEAF, Triangle, TriangleTree};
 use crate::Mesh;
 
 /// Where a ray meets a mesh.
@@ -15,22 +15,16 @@ pub struct RayHit {
     pub along: f64,
     /// The face.
     pub face: u32,
-    /// The place of its triangle in its fan.
-    fan: u32,
+    /// The corners of its triangle, by index among the corners of all faces.
+    pub corners: [u32; 3],
     /// How far each corner of the triangle weighs in the place.
     shares: [f64; 3],
 }
 
 impl RayHit {
-    /// The corners of its triangle, as places among those of all faces.
-    pub fn corners(&self, mesh: &Mesh) -> [usize; 3] {
-        let Self { face, fan, shares, .. } = *self;
-        NearestPlace { distance_sq: 0.0, face, fan, shares }.corners(mesh)
-    }
-
     /// The place.
     pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
-        let vertices = self.corners(mesh).map(|corner| mesh.faces().corners()[corner]);
+        let vertices = self.corners.map(|corner| mesh.faces().corners()[corner as usize]);
         let weighed = vertices.iter().zip(self.shares);
         Point3::from(weighed.fold(Vector3::zeros(), |sum, (&vertex, share)| {
             sum + mesh.positions()[vertex as usize].coords * share
@@ -71,7 +65,7 @@ impl TriangleTree {
 
 impl RayHit {
     fn earlier(self, other: Self) -> Self {
-        let order = |hit: &Self| (hit.face, hit.fan);
+        let order = |hit: &Self| (hit.face, hit.corners);
         match other.along < self.along || other.along == self.along && order(&other) < order(&self)
         {
             true => other,
@@ -127,7 +121,7 @@ impl Ray {
 
     /// Where it meets a triangle. The letters are those of the paper.
     fn hit(&self, triangle: &Triangle) -> Option<RayHit> {
-        let [a, b, c] = triangle.corners.map(|corner| {
+        let [a, b, c] = triangle.places.map(|corner| {
             let [x, y, z] = self.axes.map(|axis| corner[axis] - self.origin[axis]);
             [x - self.shear[0] * z, y - self.shear[1] * z, self.shear[2] * z]
         });
@@ -143,8 +137,8 @@ impl Ray {
         // A triangle without an area as the ray sees it: the quotients are not finite.
         let is_met = det != 0.0 && 0.0 <= along && along.is_finite();
         let shares = [u / det, v / det, w / det];
-        let Triangle { face, fan, .. } = *triangle;
-        is_met.then_some(RayHit { along, face, fan, shares })
+        let Triangle { face, corners, .. } = *triangle;
+        is_met.then_some(RayHit { along, face, corners, shares })
     }
 }
 
@@ -229,9 +223,9 @@ mod tests {
                 let to = a + (b - a) * share;
                 let hit = tree.first_hit(from, to - from).unwrap();
                 assert!((hit.place(&mesh) - to).norm() < 1e-9, "{to}");
-                let vertices = hit.corners(&mesh).map(|corner| mesh.faces().corners()[corner]);
+                let vertices = hit.corners.map(|corner| mesh.faces().corners()[corner as usize]);
                 assert!(vertices.iter().all(|v| mesh.faces().face(hit.face as usize).contains(v)));
-                fans[hit.fan as usize] += 1;
+                fans[hit.corners[1] as usize % 4 - 1] += 1;
                 // Straight down, along the faces of the tree's boxes.
                 let above = Point3::new(to.x, to.y, 5.0);
                 assert!(tree.first_hit(above, -Vector3::z()).is_some(), "{above}");
