@@ -13,6 +13,11 @@ use serde::{Deserialize, Serialize};
 pub struct ReadImage {
     /// The file.
     pub path: FilePath,
+    /// If true, pixels are kept as they are stored. If false, a photograph that says how it was held (Exif orientation) is turned
+    /// upright.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[schemars(extend("default" = false))]
+    pub as_stored: bool,
 }
 
 impl Node for ReadImage {
@@ -22,7 +27,8 @@ impl Node for ReadImage {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bytes = cx.file(&self.path)?.bytes();
         match picture_file::Kind::of(bytes) {
-            Some(_) => Ok((picture_file::read(bytes)?,)),
+            Some(_) if self.as_stored => Ok((picture_file::read(bytes)?,)),
+            Some(_) => Ok((picture_file::read_upright(bytes)?,)),
             None => Ok((cx.read(&self.path)?,)),
         }
     }

@@ -7,19 +7,20 @@ use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads a mesh: an OBJ, PLY, STL, GLB or glTF file.
+/// Reads a mesh: an OBJ, PLY, STL, GLB, glTF or 3MF file.
 ///
-/// Coordinates are taken as they are, y up, and become mm. A GLB or glTF file has meters, and its nodes' motions are applied. Corners of STL,
-/// GLB and glTF that are at the same place become one vertex.
+/// Coordinates are taken as they are, y up, and become mm. A GLB or glTF file has meters, and its nodes' motions are applied. A 3MF file says its
+/// unit; all items on its plate are read where they stand, turned so that y is up. Corners of STL, GLB and glTF that are at the same place become
+/// one vertex.
 ///
-/// The picture of a GLB file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
+/// The picture of a GLB or 3MF file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
 /// use that has one: a mesh has one picture. What is missing, and materials that are left out, are warned of.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.
     #[schemars(extend("reads" = "Mesh"))]
     pub path: FilePath,
-    /// The unit of the file's coordinates; they are converted to mm. A GLB or glTF file, which says its unit itself, is taken at its word.
+    /// The unit of the file's coordinates; they are converted to mm. GLB, glTF and 3MF files, which say their unit themselves, are taken at their word.
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
     #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
@@ -31,7 +32,7 @@ impl Node for ReadMesh {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.read(&self.path)?;
-        let says_its_unit = ["glb", "gltf"].contains(&&cx.file(&self.path)?.ending()[..]);
+        let says_its_unit = ["glb", "gltf", "3mf"].contains(&&cx.file(&self.path)?.ending()[..]);
         Ok((if says_its_unit { mesh } else { mesh_in_millimeters(mesh, self.unit)? },))
     }
 }
@@ -121,7 +122,7 @@ mod tests {
         let error = read_mesh(b"", "fbx").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb, gltf"
+            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb, gltf, 3mf"
         );
         assert!(matches!(error.downcast(), Some(NoReader { .. })));
     }

@@ -7,15 +7,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Reads points that nothing connects: the vertices of a PLY file, a PCD file, an XYZ text of a point a line, the points of a survey (LAS), or all scans
-/// of a laser scanner (E57), each moved by its pose.
+/// of a laser scanner (E57, PTX), each moved by its pose.
 ///
-/// What stands behind the coordinates becomes attributes: colors, normals, numbers by name; of LAS and E57 files `color`, `intensity`, and
-/// `class`, the number of a classification. The axes are the file's own: in surveys z is up. LAS and E57 files are in meters (`unit: M`), LAS
+/// What stands behind the coordinates becomes attributes: colors, normals, numbers by name; of LAS, E57 and PTX files `color`, `intensity`, and
+/// `class`, the number of a classification. The axes are the file's own: in surveys z is up. LAS, E57 and PTX files are in meters (`unit: M`), LAS
 /// files rarely in feet. Places far from the origin, as 500 km in the grid of a country, keep all digits in all nodes, but not in written
 /// files for viewers, whose numbers have 7 digits: `Transform` moves them near the origin before.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadPoints {
-    /// The file; its ending says of which format it is: `ply`, `pcd`, `xyz`, `las` or `e57`.
+    /// The file; its ending says of which format it is: `ply`, `pcd`, `xyz`, `las`, `e57` or `ptx`.
     #[schemars(extend("reads" = "Points"))]
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm.

@@ -21,7 +21,7 @@ pub enum Axes {
 }
 
 /// The grid in a range file whose name ends in `ending`, in mm, x right, y down, z away from the sensor, row 0 on top. `unit` and
-/// `axes` stand for what the file does not say.
+/// `axes` stand for what the file does not say; `warn` is called with what is left out.
 ///
 /// # Errors
 /// If the bytes are no range file, or a depth map has no camera.
@@ -31,6 +31,7 @@ pub(super) fn read(
     camera: Option<&CameraFile>,
     unit: Unit,
     axes: Axes,
+    warn: &dyn Fn(String),
 ) -> Result<RangeImage, Error> {
     let axes = match axes {
         Axes::Camera => range_file::Axes::Camera,
@@ -40,7 +41,9 @@ pub(super) fn read(
         let is_list = matches!(error.downcast(), Some(PcdError::NotOrganised { .. }));
         if is_list { PointList(error).into() } else { error }
     });
-    Ok(read?.normalize(unit.millimeters(), axes)?)
+    let mut file = read?;
+    std::mem::take(&mut file.notes).into_iter().for_each(warn);
+    Ok(file.normalize(unit.millimeters(), axes)?)
 }
 
 /// A list of points, where a grid is wanted.
@@ -119,6 +122,7 @@ impl CameraSource<'_> {
             false => Some(cx.file(self.camera)?),
         };
         let camera = file.map(|file| file.read(read_camera)).transpose()?;
+        camera.iter().flat_map(|camera| &camera.notes).for_each(|note| cx.warn(note.clone()));
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
         // A PTX file has a unit of its own.
         let doubtful = |units: &&str| *units != self.unit.word();

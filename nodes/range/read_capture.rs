@@ -2,6 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
+use maquette_format::exif;
 use maquette_format::picture_file;
 use maquette_format::picture_file::PictureError;
 use maquette_node::{Context, Error, FilePath, Node};
@@ -17,7 +18,8 @@ use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, i
 /// (centers at integers), `width` and `height`; if known, `world_from_camera_mm`. Without one the corners of both grids are aligned.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCapture {
-    /// The picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
+    /// The picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. Its pixels are read as they are stored, even if the file says that the picture is
+    /// turned (Exif orientation), since the camera's numbers are for these.
     pub color: FilePath,
     /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
     /// bits, TIFF or OpenEXR of floats, which needs the camera file.
@@ -53,8 +55,11 @@ impl Node for ReadCapture {
         let camera = self.camera_source().read(cx)?;
         let ending = range.ending();
         let image = color.read(read_picture)?;
-        let read =
-            |bytes: &[u8]| range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes);
+        exif::stored_note(color.bytes()).into_iter().for_each(|note| cx.warn(note));
+        let warn = |note| cx.warn(note);
+        let read = |bytes: &[u8]| {
+            range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes, &warn)
+        };
         let range = match range.read(read) {
             // A format of another pack, which knows units and axes itself.
             Err(error) if is_unknown(&error) => cx.read(&self.range)?,
@@ -84,7 +89,7 @@ pub fn read_capture(
     axes: Axes,
 ) -> Result<(Image, RangeImage), Error> {
     let image = read_picture(color)?;
-    registered(image, range_file::read(range, ending, camera, unit, axes)?, camera)
+    registered(image, range_file::read(range, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
 fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {

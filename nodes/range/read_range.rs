@@ -2,6 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
+use maquette_format::ptx;
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{Image, RangeImage};
 use schemars::JsonSchema;
@@ -30,6 +31,9 @@ pub struct ReadRange {
     /// How the file's coordinates lie, unless its format says so, as ABS does.
     #[serde(default)]
     pub axes: Axes,
+    /// The scan of a PTX file that has several, from 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scan: Option<u32>,
 }
 
 /// The color of cells in files without colors.
@@ -47,8 +51,17 @@ impl Node for ReadRange {
         let file = cx.file(&self.path)?;
         let camera = self.camera_source().read(cx)?;
         let ending = file.ending();
-        let read =
-            |camera| file.read(|bytes| read_range(bytes, &ending, camera, self.unit, self.axes));
+        let warn = |note| cx.warn(note);
+        let read = |camera: Option<&CameraFile>| {
+            file.read(|bytes| {
+                let bytes = match self.scan {
+                    Some(scan) if ending == "ptx" => ptx::scan(bytes, scan as usize)?,
+                    _ => bytes,
+                };
+                let (unit, axes) = (self.unit, self.axes);
+                with_colors(range_file::read(bytes, &ending, camera, unit, axes, &warn)?, camera)
+            })
+        };
         match read(camera.as_ref()) {
             // A camera file that nobody named may belong to another file of the folder.
             Err(error) if self.camera.is_empty() && is_size(&error) => {
@@ -84,7 +97,7 @@ pub fn read_range(
     unit: Unit,
     axes: Axes,
 ) -> Result<(RangeImage, Image), Error> {
-    with_colors(range_file::read(bytes, ending, camera, unit, axes)?, camera)
+    with_colors(range_file::read(bytes, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
 /// A grid with its camera, and the picture of its colors.

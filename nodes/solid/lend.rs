@@ -7,7 +7,12 @@ use nalgebra::{Point3, Vector3};
 /// that of `from`, which has faces.
 pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mesh, MeshError> {
     // Places so far away that no distance can be told have what is on the first face.
-    let far = NearestPlace { distance_sq: f64::INFINITY, face: 0, corners: [0; 3], shares: [1.0, 0.0, 0.0] };
+    let far = NearestPlace {
+        distance_sq: f64::INFINITY,
+        face: 0,
+        corners: [0; 3],
+        shares: [1.0, 0.0, 0.0],
+    };
     let nearest = |points: &[Point3<f64>]| -> Vec<NearestPlace> {
         let found = tree.nearest_to_all(points).into_iter();
         found.map(|place| place.unwrap_or(far)).collect()

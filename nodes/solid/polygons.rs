@@ -99,7 +99,8 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     let hit = [x, from[1]];
     let tip = corners[farther].1;
     // Of the corners that look inward within the triangle of all three, the one that is least off the ray.
-    let triangle = if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
+    let triangle =
+        if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
     let blocks = |&k: &usize| {
         let at = corners[k].1;
         let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
@@ -119,7 +120,8 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     // Of several corners in this place the one into whose angle the bridge runs.
     let opens = |&k: &usize| {
         let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-        let (left, right) = (orientation([place, after, from]) >= 0.0, orientation([before, place, from]) >= 0.0);
+        let (left, right) =
+            (orientation([place, after, from]) >= 0.0, orientation([before, place, from]) >= 0.0);
         match orientation([before, place, after]) > 0.0 {
             true => left && right,
             false => left || right,
@@ -187,7 +189,9 @@ mod tests {
             &[[0., 0.], [1., 0.], [2., 0.], [3., 0.], [3., 3.], [2., 3.], [1., 3.], [0., 3.]];
         check(&[sides]);
         let triangles = triangulate(&[Vec::from_iter(0..8)], |vertex| sides[vertex as usize]);
-        assert!(triangles.iter().all(|it| orientation(it.map(|vertex| sides[vertex as usize])) > 0.0));
+        assert!(
+            triangles.iter().all(|it| orientation(it.map(|vertex| sides[vertex as usize])) > 0.0)
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@ use maquette_value::RangeImage;
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::range_file::{Axes, RangeFile, Rows};
+use super::range_file::{Axes, RangeFile};
 use super::{excerpt, parse, words};
 
 /// Why bytes are not a range grid in an ABS file.
@@ -86,7 +86,7 @@ pub fn read(bytes: &[u8]) -> Result<RangeFile, AbsError> {
     };
     let points = (0..cells).map(point).collect();
     let range = RangeImage::new(columns, rows, points).expect("a point was read for each cell");
-    Ok(RangeFile { range, unit: None, axes: Some(Axes::YUp), rows: Rows::TopFirst })
+    Ok(RangeFile { axes: Some(Axes::YUp), ..range.into() })
 }
 
 /// The number in a line `6 rows`.

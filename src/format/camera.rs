@@ -1,5 +1,7 @@
 //! The file beside a capture that says which cameras took it.
 
+use std::iter;
+
 use maquette_value::{Pinhole, RangeImage, Registration};
 use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
@@ -23,6 +25,8 @@ pub struct CameraFile {
     pub depth_per_mm: Option<f64>,
     /// What a depth map has where there is no depth, beside 0.
     pub no_depth: Option<f64>,
+    /// Warnings about keys that are known but not used.
+    pub notes: Vec<String>,
 }
 
 /// One camera of a capture.
@@ -32,6 +36,20 @@ pub struct View {
     pub pinhole: Pinhole,
     /// What it gives, if the file says so: width, height.
     pub size: Option<[usize; 2]>,
+}
+
+impl View {
+    /// A warning if the center of the view is not on a grid of this size: then its numbers may be those of a larger picture.
+    pub fn center_note(&self, found: [usize; 2]) -> Option<String> {
+        let [x, y] = self.pinhole.center;
+        let is_on = |x: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&x);
+        (self.size.is_none() && !(is_on(x, found[0]) && is_on(y, found[1]))).then(|| {
+            format!(
+                "the camera's center ({x}, {y}) is not on the {} x {} cells: its numbers may be for another size, which `width` and `height` would tell",
+                found[0], found[1]
+            )
+        })
+    }
 }
 
 impl CameraFile {
@@ -82,11 +100,14 @@ pub enum CameraError {
         /// What must be there.
         wanted: &'static str,
     },
-    /// A matrix of intrinsics that is none.
+    /// A matrix that is not one of a pinhole.
     #[error(
-        "`intrinsic_matrix` is no pinhole: 9 numbers, column by column, as in `[fx, 0, 0, 0, fy, 0, cx, cy, 1]`"
+        "`{key}` is no pinhole: 9 numbers, row by row, as in `[fx, 0, cx, 0, fy, cy, 0, 0, 1]`, or column by column, as in `[fx, 0, 0, 0, fy, 0, cx, cy, 1]`"
     )]
-    Intrinsics,
+    Intrinsics {
+        /// The key of the matrix.
+        key: &'static str,
+    },
     /// A depth map's scale that cannot be one.
     #[error("`{key}` is {value}: a number greater than 0 is needed")]
     DepthScale {
@@ -106,10 +127,11 @@ pub enum CameraError {
 /// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
 /// file that has a pinhole at its top, or in `camera`, means both cameras by it; one that has only `range` says nothing of a
 /// picture. For depth maps `depth_png.units_per_mm` or `depth_units_per_metre` says how fine their steps are, and `depth_png.invalid`
-/// what stands where there is no depth. Other keys are passed
-/// over.
+/// what stands where there is no depth.
 ///
-/// Open3D's files of intrinsics are understood too: `width`, `height` and `intrinsic_matrix`, 9 numbers column by column.
+/// The files of other programs are understood, too: a matrix of 9 numbers by rows or by columns in `intrinsic_matrix` (Open3D), `K` (Record3D) or
+/// `camera_matrix` (OpenCV), and `fl_x fl_y cx cy w h` (NeRF). A lens distortion or a depth scale under another name is noted; other keys are passed
+/// over.
 ///
 /// # Errors
 /// If the bytes are not JSON, a pinhole is missing, or a number cannot be one.
@@ -119,7 +141,7 @@ pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
     let both = file.get("camera").unwrap_or(&file);
     let range = file.get("range");
     let color = file.get("color").or_else(|| file.get("colour"));
-    let has_both = ["fx", "intrinsic_matrix"].iter().any(|key| both.get(key).is_some());
+    let has_both = ["fx", "fl_x"].iter().chain(&MATRICES).any(|key| both.get(key).is_some());
     let color = color.or((has_both || range.is_none()).then_some(both));
     let pose_rows = file.get("world_from_camera_mm").filter(|rows| !rows.is_null());
     Ok(CameraFile {
@@ -129,7 +151,59 @@ pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
         world_from_camera: pose_rows.map(pose).transpose()?,
         depth_per_mm: depth_scale(&file)?,
         no_depth: file.get("depth_png").and_then(|depth| depth.get("invalid")?.as_f64()),
+        notes: notes(&file),
     })
+}
+
+/// The keys of matrices of a pinhole.
+const MATRICES: [&str; 3] = ["intrinsic_matrix", "K", "camera_matrix"];
+
+/// The keys of lens distortions.
+const DISTORTIONS: [&str; 10] = [
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+    "p1",
+    "p2",
+    "distortion",
+    "distortion_coefficients",
+    "dist_coeffs",
+    "D",
+];
+
+/// The keys of depth scales that programs understand in different ways.
+const DEPTH_SCALES: [&str; 3] = ["depth_scale", "depthScale", "integer_depth_scale"];
+
+/// Warnings about keys of cameras that are known but not used.
+fn notes(file: &Value) -> Vec<String> {
+    let cameras = ["camera", "range", "color", "colour"].map(|key| file.get(key));
+    let cameras = || iter::once(file).chain(cameras.into_iter().flatten());
+    let is_zero = |value: &Value| numbers(value).iter().all(|&number| number == 0.0);
+    let has = |key: &&&str| {
+        cameras().any(|camera| camera.get(**key).is_some_and(|value| !is_zero(value)))
+    };
+    let quoted = |keys: &[&str]| {
+        Vec::from_iter(keys.iter().filter(has).map(|key| format!("`{key}`"))).join(", ")
+    };
+    let (lens, scale) = (quoted(&DISTORTIONS), quoted(&DEPTH_SCALES));
+    let lens = (!lens.is_empty()).then(|| {
+        format!("the camera file has a lens distortion ({lens}), which is not applied: undistort the pictures first")
+    });
+    let is_scaled = file.get("depth_png").is_some_and(|depth| depth.get("units_per_mm").is_some());
+    let scale = (!scale.is_empty() && !is_scaled).then(|| {
+        format!("{scale} of the camera file is not used: write `depth_png: {{units_per_mm: ..}}` instead")
+    });
+    lens.into_iter().chain(scale).collect()
+}
+
+/// The numbers in a value: itself, those of a list or of lists in a list, or those under `data`.
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        Value::Object(keys) => keys.get("data").map(numbers).unwrap_or_default(),
+        value => value.as_f64().into_iter().collect(),
+    }
 }
 
 fn depth_scale(file: &Value) -> Result<Option<f64>, CameraError> {
@@ -149,7 +223,16 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
         CameraError::Number { camera: name, key, value, wanted }
     };
     let intrinsics = intrinsics(camera)?;
-    let number = |key| match intrinsics.as_ref().unwrap_or(camera).get(key) {
+    // NeRF has other names for the focal length and the size.
+    let find =
+        |from: &Value, key: &str, other: &str| from.get(key).or_else(|| from.get(other)).cloned();
+    let number = |key: &'static str| match find(
+        intrinsics.as_ref().unwrap_or(camera),
+        key,
+        &key.replace('f', "fl_"),
+    )
+    .as_ref()
+    {
         None => Err(CameraError::NoPinhole { camera: name, key }),
         Some(value) => value.as_f64().ok_or_else(|| wrong(key, value, "a number is needed")),
     };
@@ -157,7 +240,7 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
         length if length > 0.0 => Ok(length),
         length => Err(wrong(key, &length.into(), "a focal length is greater than 0")),
     };
-    let size = |key| match camera.get(key) {
+    let size = |key: &'static str| match find(camera, key, &key[..1]).as_ref() {
         None => Ok(None),
         Some(value) => match value.as_u64().and_then(|size| usize::try_from(size).ok()) {
             Some(size) => Ok(Some(size)),
@@ -170,13 +253,15 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
     Ok(View { pinhole, size })
 }
 
-/// The pinhole of Open3D's matrix, under the keys of ours; none without such a matrix.
+/// The pinhole of a matrix, by rows or by columns, under our own keys; `None` without a matrix.
 fn intrinsics(camera: &Value) -> Result<Option<Value>, CameraError> {
-    let Some(matrix) = camera.get("intrinsic_matrix") else { return Ok(None) };
-    let matrix: [f64; 9] =
-        serde_json::from_value(matrix.clone()).map_err(|_| CameraError::Intrinsics)?;
-    let [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0] = matrix else {
-        return Err(CameraError::Intrinsics);
+    let found = MATRICES.iter().find_map(|key| Some((*key, camera.get(key)?)));
+    let Some((key, matrix)) = found else { return Ok(None) };
+    let (fx, fy, cx, cy) = match numbers(matrix)[..] {
+        [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0] | [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0] => {
+            (fx, fy, cx, cy)
+        }
+        _ => return Err(CameraError::Intrinsics { key }),
     };
     Ok(Some(serde_json::json!({ "fx": fx, "fy": fy, "cx": cx, "cy": cy })))
 }
@@ -262,11 +347,46 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_of_intrinsics_is_read_column_by_column() {
-        let file = read(br#"{"intrinsic_matrix": [1, 0, 0, 0, 2, 0, 3, 4, 1]}"#).unwrap();
-        assert_eq!(file.range.pinhole, Pinhole { focal: [1.0, 2.0], center: [3.0, 4.0] });
-        let rows = br#"{"intrinsic_matrix": [1, 0, 3, 0, 2, 4, 0, 0, 1]}"#;
-        assert_eq!(read(rows), Err(CameraError::Intrinsics));
+    fn pinholes_of_other_programs_are_read() {
+        let view = |text: &str| read(text.as_bytes()).unwrap().range;
+        let pinhole = Pinhole { focal: [1.0, 2.0], center: [3.0, 4.0] };
+        for text in [
+            r#"{"w": 8, "h": 6, "intrinsic_matrix": [1, 0, 0, 0, 2, 0, 3, 4, 1]}"#,
+            r#"{"w": 8, "h": 6, "K": [[1, 0, 3], [0, 2, 4], [0, 0, 1]]}"#,
+            r#"{"width": 8, "height": 6, "camera_matrix": {"rows": 3, "data": [1, 0, 3, 0, 2, 4, 0, 0, 1]}}"#,
+            r#"{"w": 8, "h": 6, "fl_x": 1, "fl_y": 2, "cx": 3, "cy": 4}"#,
+        ] {
+            assert_eq!(view(text), View { pinhole, size: Some([8, 6]) }, "{text}");
+        }
+        let skewed = read(br#"{"K": [1, 9, 3, 0, 2, 4, 0, 0, 1]}"#);
+        assert_eq!(skewed, Err(CameraError::Intrinsics { key: "K" }));
+    }
+
+    #[test]
+    fn what_is_known_but_not_used_is_noted() {
+        let notes = |text: &str| {
+            let text = format!(r#"{{"fx": 1, "fy": 2, "cx": 3, "cy": 4, {text}}}"#);
+            read(text.as_bytes()).unwrap().notes
+        };
+        assert_eq!(notes(r#""k1": 0.0, "distortion": [0, 0, 0]"#), [""; 0]);
+        assert!(notes(r#""k1": 0.1, "p2": -0.2"#)[0].contains("(`k1`, `p2`)"));
+        assert!(
+            notes(r#""range": {"fx": 1, "fy": 2, "cx": 3, "cy": 4, "D": [0.1]}"#)[0]
+                .contains("`D`")
+        );
+        assert!(
+            notes(r#""depth_scale": 0.001"#)[0].starts_with("`depth_scale` of the camera file")
+        );
+        assert_eq!(notes(r#""depth_scale": 5000, "depth_png": {"units_per_mm": 5}"#), [""; 0]);
+    }
+
+    #[test]
+    fn a_center_beside_the_grid_is_noted_unless_the_size_is_known() {
+        let view = |text: &str| read(text.as_bytes()).unwrap().range;
+        let camera = r#""fx": 100, "fy": 100, "cx": 47.5, "cy": 31.5"#;
+        assert!(view(&format!("{{{camera}}}")).center_note([6, 4]).is_some());
+        assert_eq!(view(&format!("{{{camera}}}")).center_note([96, 64]), None);
+        assert_eq!(view(&format!("{{{camera}, \"w\": 6, \"h\": 4}}")).center_note([6, 4]), None);
     }
 
     fn error(from: &str, to: &str) -> String {

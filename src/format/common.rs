@@ -147,6 +147,15 @@ pub(crate) fn real<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> 
     })
 }
 
+/// Most declarations of namespaces that an XML text may have. The parser gives each element a list of those that hold in it, so that many
+/// nested ones would take memory with their square.
+pub(crate) const MOST_NAMESPACES: usize = 256;
+
+/// Returns true if an XML text declares more namespaces than [`MOST_NAMESPACES`].
+pub(crate) fn has_many_namespaces(xml: &[u8]) -> bool {
+    xml.windows(5).filter(|five| five == b"xmlns").nth(MOST_NAMESPACES).is_some()
+}
+
 /// The words of a line.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())

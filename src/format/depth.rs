@@ -80,7 +80,8 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     let points = depths.iter().enumerate().map(point).collect();
     let range = RangeImage::new(width, height, points).expect("there is a depth for each pixel");
     let range = range.with_camera(Some(pinhole));
-    Ok(RangeFile { range, unit, axes: Some(Axes::Camera), rows: Rows::TopFirst })
+    let notes = camera.range.center_note(found).into_iter().collect();
+    Ok(RangeFile { range, unit, axes: Some(Axes::Camera), rows: Rows::TopFirst, notes })
 }
 
 /// Why a range image is no depth map.
@@ -298,7 +299,8 @@ mod tests {
         // The first depth, 600 mm, stands for none.
         let text = String::from_utf8(files[1].bytes.clone()).unwrap();
         let none = text.replacen("\"invalid\": 0", "\"invalid\": 30000", 1);
-        let one_less = read(&files[0].bytes, Some(&camera::read(none.as_bytes()).unwrap())).unwrap();
+        let one_less =
+            read(&files[0].bytes, Some(&camera::read(none.as_bytes()).unwrap())).unwrap();
         assert_eq!(one_less.range.n_valid(), 46);
         // Open3D's readers take the matrix alone.
         let matrix = text.replace("\"range\"", "\"r\"").replace("\"color\"", "\"c\"");

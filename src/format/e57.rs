@@ -12,7 +12,7 @@ use maquette_value::{Attribute, Points, PointsError, Rgb};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use thiserror::Error;
 
-use super::{finite, most_memory};
+use super::{MOST_NAMESPACES, finite, has_many_namespaces, most_memory};
 
 /// Why bytes are not points in an E57 file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -33,6 +33,11 @@ pub enum E57Error {
         /// Bytes of the file.
         found: usize,
     },
+    /// A description that would take too much memory.
+    #[error(
+        "its description declares more than {MOST_NAMESPACES} namespaces: no scanner's file does"
+    )]
+    Namespaces,
     /// More points than fit.
     #[error(
         "its {scans} scans promise {points} points, which need {expected} bytes, but the file has {found}: it was cut off, copy it again"
@@ -120,6 +125,9 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
         if expected > bytes.len() as u64 {
             return Err(E57Error::Description { expected, found: bytes.len() });
         }
+    }
+    if has_many_namespaces(&E57Reader::raw_xml(Cursor::new(bytes))?) {
+        return Err(E57Error::Namespaces);
     }
     let mut file = E57Reader::new(Cursor::new(bytes))?;
     let scans = file.pointclouds();
@@ -251,6 +259,8 @@ impl FileReader for PointsE57 {
 
 #[cfg(test)]
 mod tests {
+    use e57::E57Writer;
+
     use super::*;
     use crate::hostile;
 
@@ -328,6 +338,19 @@ mod tests {
             told.to_string(),
             "the pose of scan 3 turns by the quaternion [0.0, 0.0, 0.5, 0.0], whose length is not 1"
         );
+    }
+
+    #[test]
+    fn thousands_of_nested_namespaces_are_refused() {
+        let mut file = Cursor::new(Vec::new());
+        let mut writer = E57Writer::new(&mut file, "a guid").unwrap();
+        let nested = (0..5000).fold(String::new(), |text, k| format!("{text}<a xmlns:n{k}='b'>"));
+        let with = |xml: String| {
+            Ok(xml.replace("</e57Root>", &(nested.clone() + &"</a>".repeat(5000) + "</e57Root>")))
+        };
+        writer.finalize_customized_xml(with).unwrap();
+        drop(writer);
+        assert_eq!(read(&file.into_inner()), Err(E57Error::Namespaces));
     }
 
     #[test]

@@ -103,6 +103,16 @@ impl<'b> Strict<'b> {
     }
 }
 
+/// The Exif data of a JPEG file, if it has any.
+pub(super) fn exif(bytes: &[u8]) -> Option<Vec<u8>> {
+    let options = DecoderOptions::new_safe()
+        .set_max_width(usize::from(u16::MAX))
+        .set_max_height(usize::from(u16::MAX));
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    decoder.decode_headers().ok()?;
+    decoder.exif().cloned()
+}
+
 fn broken(error: impl std::fmt::Debug) -> ImageError {
     ImageError::Decoding(DecodingError::new(ImageFormat::Jpeg.into(), format!("{error:?}")))
 }

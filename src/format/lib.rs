@@ -14,6 +14,7 @@ pub mod camera;
 pub mod decoder;
 pub mod depth;
 pub mod e57;
+pub mod exif;
 pub mod exr;
 pub mod glb;
 pub mod handles;
@@ -51,7 +52,7 @@ mod zip;
 
 pub use common::{At, TooFar};
 pub(crate) use common::{
-    BLOCK, check_mesh, check_single, coarse, coarse_mesh, excerpt, most_memory, open, parse, real,
-    words,
+    BLOCK, MOST_NAMESPACES, check_mesh, check_single, coarse, coarse_mesh, excerpt,
+    has_many_namespaces, most_memory, open, parse, real, words,
 };
 pub use lists::{FORMATS, PACK, READERS, read};

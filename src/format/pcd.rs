@@ -14,6 +14,7 @@ use thiserror::Error;
 
 use super::colors::Range;
 use super::finite::{self, Finite};
+use super::range_file::{self, RangeFile};
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, real, words};
 
@@ -139,6 +140,11 @@ pub enum PcdError {
 /// # Errors
 /// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
 pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
+    Ok(read_range(bytes)?.range)
+}
+
+/// The range image of an organized PCD file, with warnings about fields that are left out.
+pub(super) fn read_range(bytes: &[u8]) -> Result<RangeFile, PcdError> {
     let header = header::read(bytes)?;
     if header.height == 1 {
         let (line, width) = (header.height_line, header.width);
@@ -147,10 +153,15 @@ pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
     let (points, colors) = cells(&header, bytes, valid_point)?;
     let range = RangeImage::new(header.width, header.height, points)
         .expect("a point was read for each cell");
-    Ok(match header.color {
+    let range = match header.color {
         Some(_) => range.with_colors(colors).expect("a color was read for each cell"),
         None => range,
-    })
+    };
+    let normal = header.normal.map(|_| "normal").into_iter();
+    let channels = header.channels.filter(|_| header.color.is_none()).map(|_| "r g b").into_iter();
+    let others = header.others.iter().map(|(name, _)| &name[..]);
+    let notes = range_file::left_out(normal.chain(channels).chain(others));
+    Ok(RangeFile { notes: notes.into_iter().collect(), ..range.into() })
 }
 
 /// The points of a PCD file, organized or not, with their colors (`rgb`, or `r g b`) and normals (`normal_x normal_y normal_z`, or `nx ny nz`); all other
@@ -161,7 +172,10 @@ fn read_points(bytes: &[u8]) -> Result<(Points, Vec<String>), PcdError> {
     let finite = Finite::of(&mut places);
     let mut notes = Vec::from_iter(finite::doubt(finite.n_left_out(), "point"));
     if header.has_viewpoint {
-        notes.push("VIEWPOINT is left out: points are read at the places that the file has for them".to_owned());
+        notes.push(
+            "VIEWPOINT is left out: points are read at the places that the file has for them"
+                .to_owned(),
+        );
     }
     let mut points = Points::new(places).expect("places are finite");
     let of_each = "an entry was read for each point";
@@ -176,7 +190,8 @@ fn read_points(bytes: &[u8]) -> Result<(Points, Vec<String>), PcdError> {
         let all = || channels.iter().flat_map(|color| color.iter().copied());
         let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
         notes.extend(range.note(Range::Byte));
-        let color = |color: &Point3<f64>| [color.x, color.y, color.z].map(|channel| range.byte(channel));
+        let color =
+            |color: &Point3<f64>| [color.x, color.y, color.z].map(|channel| range.byte(channel));
         let colors = channels.iter().map(color).collect();
         points = points.with_attribute("color", Attribute::Color(colors)).expect(of_each);
     }

@@ -12,7 +12,7 @@ use maquette_value::{Image, Mask, Mesh, Rgb};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
-use super::{camera, excerpt, jpeg, png, tiff};
+use super::{camera, excerpt, exif, jpeg, png, tiff};
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -123,7 +123,15 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
     }
 }
 
-/// Reads a picture, whatever its ending says; `camera.json` beside it says which camera took it.
+/// The picture in a file of any of these formats as [`read`] gives it, turned upright if the file says that it is turned.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn read_upright(bytes: &[u8]) -> Result<Image, PictureError> {
+    Ok(exif::upright(read(bytes)?, exif::orientation(bytes)))
+}
+
+/// Reads a picture, whatever its extension says; `camera.json` beside it says which camera took it. Without a camera the picture is turned upright.
 pub(crate) struct ImageFiles;
 
 impl FileReader for ImageFiles {
@@ -137,7 +145,11 @@ impl FileReader for ImageFiles {
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let size = Some([image.width(), image.height()]);
         let camera = camera.and_then(|camera| camera.color).filter(|camera| camera.size == size);
-        Ok(image.with_camera(camera.map(|camera| camera.pinhole)))
+        let Some(camera) = camera else {
+            return Ok(exif::upright(image, exif::orientation(file.bytes())));
+        };
+        exif::stored_note(file.bytes()).into_iter().for_each(|note| file.doubt(note));
+        Ok(image.with_camera(Some(camera.pinhole)))
     }
 }
 
@@ -150,7 +162,7 @@ impl FileReader for MaskFiles {
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
     fn read(file: &Reading<'_>) -> Result<Mask, maquette_syntax::error::Error> {
-        let image = read(file.bytes())?;
+        let image = read_upright(file.bytes())?;
         let is_light = |[r, g, b]: &Rgb| u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128;
         let inside = image.pixels().iter().map(|pixel| u8::from(is_light(pixel)));
         Ok(Mask::new(image.width(), image.height(), inside.collect())?)

@@ -29,6 +29,8 @@ pub struct RangeFile {
     pub axes: Option<Axes>,
     /// Which row is the upper one.
     pub rows: Rows,
+    /// Warnings about what is left out.
+    pub notes: Vec<String>,
 }
 
 /// In which order a file has its rows.
@@ -52,7 +54,7 @@ type Reader = fn(&[u8], Option<&CameraFile>) -> Result<RangeFile, error::Error>;
 
 /// What reads the files of each ending.
 const READERS: &[(&str, Reader)] = &[
-    ("pcd", |bytes, _| Ok(pcd::read(bytes)?.into())),
+    ("pcd", |bytes, _| Ok(pcd::read_range(bytes)?)),
     ("ply", |bytes, _| Ok(ply::read_range(bytes)?)),
     ("ptx", |bytes, _| Ok(ptx::read(bytes)?)),
     ("abs", |bytes, _| Ok(abs::read(bytes)?)),
@@ -81,9 +83,18 @@ pub fn read(
     read(bytes, camera)
 }
 
+/// A warning about data of a file's points that a range image does not hold, if there is any.
+pub(super) fn left_out<'a>(names: impl Iterator<Item = &'a str>) -> Option<String> {
+    let names = Vec::from_iter(names.map(|name| format!("`{name}`")));
+    (!names.is_empty()).then(|| {
+        let verb = if names.len() == 1 { "is" } else { "are" };
+        format!("{} {verb} left out: a range image has points and colors only", names.join(", "))
+    })
+}
+
 impl From<RangeImage> for RangeFile {
     fn from(range: RangeImage) -> Self {
-        Self { range, unit: None, axes: None, rows: Rows::TopFirst }
+        Self { range, unit: None, axes: None, rows: Rows::TopFirst, notes: Vec::new() }
     }
 }
 
@@ -156,6 +167,8 @@ impl FileReader for RangeFiles {
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let range = read(file.bytes(), &file.ending(), camera.as_ref())?;
+        let notes = camera.iter().flat_map(|camera| &camera.notes).chain(&range.notes);
+        notes.for_each(|note| file.doubt(note));
         let range = range.normalize(1.0, Axes::Camera)?;
         let is_its_own = |camera: &CameraFile| {
             camera.range.size.is_none_or(|size| size == [range.width(), range.height()])

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use maquette_node::pack::{FileFormat, NewFile};
+use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
@@ -15,6 +16,9 @@ use thiserror::Error;
 
 use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
+
+mod model;
+mod read;
 
 /// Why a mesh cannot be written as 3MF.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -36,6 +40,17 @@ impl FileFormat for MeshThreeMf {
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
         coarse_mesh(mesh).into_iter().chain(open(mesh)).collect()
+    }
+}
+
+impl FileReader for MeshThreeMf {
+    type Value = Mesh;
+    const ENDINGS: &'static [&'static str] = &["3mf"];
+
+    fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
+        let (mesh, notes) = read::read(file.bytes())?;
+        notes.into_iter().for_each(|note| file.doubt(note));
+        Ok(mesh)
     }
 }
 
@@ -203,6 +218,7 @@ mod tests {
     use miniz_oxide::inflate::decompress_to_vec;
 
     use super::*;
+    use crate::hostile;
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {
@@ -243,6 +259,121 @@ mod tests {
         let mut files = files(&encode(mesh).unwrap());
         assert_eq!(files[2].0, "3D/3dmodel.model");
         String::from_utf8(files.remove(2).1).unwrap()
+    }
+
+    #[test]
+    fn a_file_is_read_back_as_it_stands_on_the_plate() {
+        let image = Image::new(2, 2, vec![[9; 3]; 4]).unwrap();
+        let uv = (0..7).map(|corner| [f64::from(corner) / 8.0, 0.25]);
+        let textured = mesh().with_corner("uv", Attribute::Pair(uv.collect())).unwrap();
+        let textured = textured.with_texture(Some(image));
+        let colors = Attribute::Color((0..5).map(|k| [k, 2, 3]).collect());
+        let colored = mesh().with_vertex("color", colors).unwrap();
+        for mesh in [mesh(), textured, colored] {
+            let (again, notes) = read::read(&encode(&mesh).unwrap()).unwrap();
+            assert_eq!(notes, [""; 0]);
+            // Moved to where x and z of the plate begin at 0, and no higher than it.
+            let shift = mesh.positions()[0] - again.positions()[0];
+            let moved = again.positions().iter().map(|place| place + shift);
+            assert_eq!(Vec::from_iter(moved), mesh.positions()[..]);
+            assert_eq!(again.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3], [1, 4, 2]]);
+            assert_eq!(again.texture(), mesh.texture());
+            assert_eq!(again.vertex().get("color"), mesh.vertex().get("color"));
+            let uv = again.corner().pairs("uv").map(|uv| uv[8]);
+            assert_eq!(uv, mesh.corner().pairs("uv").map(|uv| uv[6]));
+        }
+    }
+
+    /// An archive of a model as slicers write it: an assembly in another part, a mirrored copy, inches, materials.
+    fn assembly(item: &str) -> Vec<u8> {
+        let root = format!(
+            r##"<model unit="inch" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06" xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02">
+<resources>
+<object id="9"><components>
+<component objectid="1" p:path="/3D/Objects/part.model"/>
+<component objectid="1" p:path="/3D/Objects/part.model" transform="-1 0 0 0 1 0 0 0 1 0 0 2"/>
+</components></object>
+</resources>
+<build>{item}</build>
+</model>"##
+        );
+        let part = r##"<model unit="inch" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
+<resources>
+<basematerials id="5"><base name="red" displaycolor="#FF0000"/><base name="blue" displaycolor="#0000FF80"/></basematerials>
+<object id="1" pid="5" pindex="1"><mesh>
+<vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/><vertex x="nan" y="0" z="0"/></vertices>
+<triangles><triangle v1="0" v2="1" v3="2"/><triangle v1="0" v2="1" v3="3" p1="0"/></triangles>
+<beamlattice/>
+</mesh></object>
+</resources><build/></model>"##;
+        zip::archive(&[
+            ("3D/3dmodel.model", root.as_bytes()),
+            ("3D/Objects/part.model", part.as_bytes()),
+        ])
+        .unwrap()
+    }
+
+    #[test]
+    fn files_of_slicers_are_read() {
+        let (mesh, notes) =
+            read::read(&assembly(r#"<item objectid="9" transform="1 0 0 0 1 0 0 0 1 3 0 0"/>"#))
+                .unwrap();
+        // y of the plate is -z, and the mirrored copy looks to the same side of its own shape.
+        let inch = |x: f64, y: f64, z: f64| Point3::new(25.4 * x, 25.4 * y, 25.4 * z);
+        assert_eq!(mesh.positions()[..3], [inch(3., 0., 0.), inch(4., 0., 0.), inch(3., 0., -1.)]);
+        assert_eq!(mesh.positions()[4..7], [inch(3., 2., 0.), inch(2., 2., 0.), inch(3., 2., -1.)]);
+        assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [4, 6, 5]]);
+        assert_eq!(mesh.vertex().colors("color").unwrap()[0], [0, 0, 255]);
+        assert!(
+            notes[0].starts_with("`beamlattice` of `3D/Objects/part.model` is left out"),
+            "{notes:?}"
+        );
+        assert_eq!(notes[1], "2 faces are left out: a coordinate is NaN or infinite");
+        // An empty plate, and one that names what is not there.
+        assert_eq!(read::read(&assembly("")).unwrap().0.faces().len(), 2);
+        let error = read::read(&assembly(r#"<item objectid="8"/>"#)).unwrap_err();
+        assert_eq!(error.to_string(), "there is no triangle in the file");
+    }
+
+    #[test]
+    fn damaged_files_are_refused_with_their_place() {
+        let wrong = |from: &str, to: &str| {
+            let model = r#"<model><resources><object id="1"><mesh><vertices><vertex x="0" y="0" z="0"/></vertices>
+<triangles><triangle v1="0" v2="0" v3="0"/></triangles></mesh></object></resources><build><item objectid="1"/></build></model>"#;
+            assert!(model.contains(from));
+            let model = model.replacen(from, to, 1);
+            read::read(&zip::archive(&[("3D/3dmodel.model", model.as_bytes())]).unwrap())
+                .unwrap_err()
+                .to_string()
+        };
+        assert_eq!(
+            wrong("v3=\"0\"", "v3=\"7\""),
+            "`3D/3dmodel.model`, line 2: a triangle names vertex 7, but there are only 1"
+        );
+        assert_eq!(wrong("v3=\"0\"", ""), "`3D/3dmodel.model`, line 2: `triangle` has no `v3`");
+        assert_eq!(
+            wrong("<model>", "<model unit=\"mile\">"),
+            "`3D/3dmodel.model`, line 1: unknown unit `mile`"
+        );
+        assert!(wrong("</build>", "").starts_with("`3D/3dmodel.model`, line 2: "));
+        let nested = r#"</mesh></object><object id="1"><components><component objectid="1"/></components></object>"#;
+        assert_eq!(
+            wrong("</mesh></object>", nested),
+            "object 1 is a component of itself, or nested more than 64 levels deep"
+        );
+        let namespaces = "<model xmlns:a='b'>".repeat(300);
+        assert!(wrong("<model>", &namespaces).ends_with("it declares more than 256 namespaces"));
+        assert_eq!(
+            read::read(b"PK").unwrap_err().to_string(),
+            "a 3MF file is a ZIP archive, but the file is none, or it is cut off"
+        );
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        let file = encode(&mesh()).unwrap();
+        hostile::survive(&file, |bytes| read::read(bytes).is_ok());
+        hostile::survive(&assembly(r#"<item objectid="9"/>"#), |bytes| read::read(bytes).is_ok());
     }
 
     #[test]

@@ -92,7 +92,8 @@ fn read_noted(bytes: &[u8]) -> Result<(Points, Vec<String>), XyzError> {
                 let all = || channels.iter().flat_map(|color| color.iter().copied());
                 let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
                 notes.extend(range.note(Range::Byte));
-                let color = |color: &Point3<f64>| [color.x, color.y, color.z].map(|x| range.byte(x));
+                let color =
+                    |color: &Point3<f64>| [color.x, color.y, color.z].map(|x| range.byte(x));
                 ("color".to_owned(), Attribute::Color(channels.iter().map(color).collect()))
             }
             Role::Normal => {
@@ -186,7 +187,11 @@ impl Table {
             };
             let role = role.filter(|role| !is_before(role)).unwrap_or_else(|| {
                 let is_first = !roles.iter().any(|(role, _)| matches!(role, Role::Number(_)));
-                Role::Number(if is_first { "intensity".to_owned() } else { format!("column_{}", at + 1) })
+                Role::Number(if is_first {
+                    "intensity".to_owned()
+                } else {
+                    format!("column_{}", at + 1)
+                })
             });
             let width = if matches!(role, Role::Number(_)) { 1 } else { 3 };
             roles.push((role, at));
@@ -212,7 +217,9 @@ impl Table {
         let lines = || self.numbers.chunks_exact(self.columns).map(|line| &line[at..at + 3]);
         let length = |line: &[f64]| line.iter().map(|x| x * x).sum::<f64>().sqrt();
         let is_normal = |line: &[f64]| {
-            line.iter().any(|x| !x.is_finite()) || (length(line) - 1.0).abs() < 0.01 || length(line) == 0.0
+            line.iter().any(|x| !x.is_finite())
+                || (length(line) - 1.0).abs() < 0.01
+                || length(line) == 0.0
         };
         let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
         if lines().all(is_normal) && lines().any(|line| length(line) > 0.5) {
@@ -248,7 +255,8 @@ impl Table {
         // A name may stand there twice.
         for k in 0..roles.len() {
             let (role, at) = &roles[k];
-            if roles[..k].iter().any(|(known, _)| known == role) && matches!(role, Role::Number(_)) {
+            if roles[..k].iter().any(|(known, _)| known == role) && matches!(role, Role::Number(_))
+            {
                 roles[k] = (Role::Number(format!("column_{}", at + 1)), *at);
             }
         }
@@ -262,7 +270,9 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
     let text = text.strip_prefix(b"//").unwrap_or(text);
     let parts = text.split(|&byte| matches!(byte, b',' | b';')).flat_map(words);
     let name = |word: &[u8]| {
-        let letter = |byte: &u8| if byte.is_ascii_alphanumeric() { char::from(byte.to_ascii_lowercase()) } else { '_' };
+        let letter = |byte: &u8| {
+            if byte.is_ascii_alphanumeric() { char::from(byte.to_ascii_lowercase()) } else { '_' }
+        };
         word.iter().map(letter).collect::<String>()
     };
     let names = Vec::from_iter(parts.map(name));
@@ -273,7 +283,8 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
 fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), XyzError> {
     // Between semicolons a comma stands for the point.
     let has_semicolons = text.contains(&b';');
-    let commas = has_semicolons.then(|| Vec::from_iter(text.iter().map(|&byte| if byte == b',' { b'.' } else { byte })));
+    let commas = has_semicolons
+        .then(|| Vec::from_iter(text.iter().map(|&byte| if byte == b',' { b'.' } else { byte })));
     let text = commas.as_deref().unwrap_or(text);
     if let Some(word) = decimal_comma(text) {
         return Err(XyzError::DecimalComma { line, text: excerpt(word) });

@@ -1,8 +1,9 @@
-//! ZIP archives that are the same bytes each time: without dates, and packed by one thread.
+//! ZIP archives. Those that are written are the same bytes each time: without dates, and packed by one thread.
 //!
 //! PKWARE, "APPNOTE.TXT - .ZIP File Format Specification", 6.3.10 (2022), sections 4.3 and 4.4.
 
 use miniz_oxide::deflate::compress_to_vec;
+use miniz_oxide::inflate::decompress_to_vec_with_limit;
 use thiserror::Error;
 
 /// Why files do not fit into an archive.
@@ -58,4 +59,132 @@ pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
 
 fn four(count: usize) -> Result<[u8; 4], TooLarge> {
     u32::try_from(count).map(u32::to_le_bytes).map_err(|_| TooLarge { bytes: count })
+}
+
+/// Why an archive, or a file in it, cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub(crate) enum NotRead {
+    /// No directory at the end.
+    #[error("the file is none, or it is cut off")]
+    NoArchive,
+    /// A file that is encrypted, or packed in another way than Deflate.
+    #[error(
+        "`{name}` in it is encrypted or packed in an unusual way (method {method}): pack it again with Deflate"
+    )]
+    Method {
+        /// The file.
+        name: String,
+        /// The number of the method.
+        method: usize,
+    },
+    /// A file that is not what its checksum says.
+    #[error("`{name}` in it is damaged")]
+    Damaged {
+        /// The file.
+        name: String,
+    },
+    /// A file that unpacks to too much.
+    #[error("`{name}` in it unpacks to {bytes} bytes, more than {most}")]
+    TooMuch {
+        /// The file.
+        name: String,
+        /// Bytes that it says to have.
+        bytes: usize,
+        /// Bytes that it may have.
+        most: usize,
+    },
+}
+
+/// An archive that is being read.
+pub(crate) struct Archive<'b> {
+    bytes: &'b [u8],
+    entries: Vec<Entry>,
+}
+
+/// A line of the directory.
+struct Entry {
+    name: String,
+    method: usize,
+    is_encrypted: bool,
+    checksum: u32,
+    packed: usize,
+    size: usize,
+    /// Where its own header begins.
+    start: usize,
+}
+
+/// A number of 2 or 4 bytes, the lowest first.
+fn number(bytes: &[u8], at: usize, size: usize) -> Option<usize> {
+    let bytes = bytes.get(at..)?.get(..size)?;
+    Some(bytes.iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte)))
+}
+
+impl<'b> Archive<'b> {
+    /// Reads the directory.
+    pub(crate) fn open(bytes: &'b [u8]) -> Result<Self, NotRead> {
+        // A comment of up to 65 535 bytes may stand behind the end of the directory.
+        let from = bytes.len().saturating_sub(22 + 0xffff);
+        let end = bytes[from..].windows(4).rposition(|four| four == b"PK\x05\x06");
+        let mut at =
+            end.and_then(|end| number(bytes, from + end + 16, 4)).ok_or(NotRead::NoArchive)?;
+        let mut entries = Vec::new();
+        while bytes.get(at..).is_some_and(|rest| rest.starts_with(b"PK\x01\x02")) {
+            let (entry, length) = Entry::read(&bytes[at..]).ok_or(NotRead::NoArchive)?;
+            entries.push(entry);
+            at += length;
+        }
+        Ok(Self { bytes, entries })
+    }
+
+    /// The names of all files.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.iter().map(|entry| &entry.name[..])
+    }
+
+    /// The name of a file as the archive has it: a slash at its start and the case of letters make no difference.
+    pub(crate) fn find(&self, name: &str) -> Option<&str> {
+        let name = name.trim_start_matches('/');
+        self.names().find(|own| own.trim_start_matches('/').eq_ignore_ascii_case(name))
+    }
+
+    /// The content of a file, of at most so many bytes.
+    pub(crate) fn read(&self, name: &str, most: usize) -> Result<Vec<u8>, NotRead> {
+        let name = || name.to_owned();
+        let damaged = || NotRead::Damaged { name: name() };
+        let entry = self.entries.iter().find(|entry| entry.name == name()).ok_or_else(damaged)?;
+        let Entry { method, size, packed, start, .. } = *entry;
+        if most < size {
+            return Err(NotRead::TooMuch { name: name(), bytes: size, most });
+        }
+        let lengths = number(self.bytes, start + 26, 2).zip(number(self.bytes, start + 28, 2));
+        let data = lengths
+            .and_then(|(name, extra)| self.bytes.get(start + 30 + name + extra..)?.get(..packed));
+        let data = data.ok_or_else(damaged)?;
+        let content = match method {
+            _ if entry.is_encrypted => return Err(NotRead::Method { name: name(), method }),
+            0 => data.to_vec(),
+            8 => decompress_to_vec_with_limit(data, size).map_err(|_| damaged())?,
+            _ => return Err(NotRead::Method { name: name(), method }),
+        };
+        let is_whole = content.len() == size && crc32fast::hash(&content) == entry.checksum;
+        if is_whole { Ok(content) } else { Err(damaged()) }
+    }
+}
+
+impl Entry {
+    /// The entry that begins here, and its length.
+    fn read(bytes: &[u8]) -> Option<(Self, usize)> {
+        let [name, extra, comment] = [28, 30, 32].map(|at| number(bytes, at, 2));
+        let name = name?;
+        let entry = Self {
+            name: String::from_utf8_lossy(bytes.get(46..)?.get(..name)?).into_owned(),
+            method: number(bytes, 10, 2)?,
+            is_encrypted: number(bytes, 8, 2)? & 1 == 1,
+            checksum: number(bytes, 16, 4)? as u32,
+            packed: number(bytes, 20, 4)?,
+            size: number(bytes, 24, 4)?,
+            start: number(bytes, 42, 4)?,
+        };
+        Some((entry, 46 + name + extra? + comment?))
+    }
 }

@@ -27,14 +27,19 @@ pub fn orientation([a, b, c]: [Flat; 3]) -> f64 {
 /// Triangles of this fraction of a polygon's area may be turned over in a fan: that much is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Returns true if the fan of triangles around the first corner covers the polygon: all triangles have the side up that the polygon has.
-///
-/// Polygons that are convex, or only slightly bent, are fans.
+/// The cosine between the normals of a polygon and of a triangle that is turned over. A triangle that merely leans more than a right angle, as
+/// in a quad that is folded along its diagonal, is not.
+const TURNED: f64 = -0.5;
+
+/// Returns true if the fan of triangles around the first corner covers the polygon: no triangle is turned over.
 pub(crate) fn is_fan(n: usize, corner: impl Fn(u32) -> Point3<f64>) -> bool {
     let crosses = || fan(n).map(|triangle| cross(triangle.map(&corner)));
     let normal: Vector3<f64> = crosses().sum();
-    let least = -ROUNDING * normal.norm_squared();
-    n == 3 || crosses().all(|cross| least <= cross.dot(&normal))
+    let length = normal.norm();
+    let is_turned = |cross: Vector3<f64>| {
+        cross.dot(&normal) < length * f64::min(TURNED * cross.norm(), -ROUNDING * length)
+    };
+    n == 3 || !crosses().any(is_turned)
 }
 
 fn cross([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
@@ -271,7 +276,8 @@ mod tests {
     fn concave_polygons_become_triangles_within_them() {
         check(&L);
         check(&[[0., 0.], [4., 0.], [1., 1.], [0., 4.]]);
-        let teeth = (0..12).flat_map(|k| [[0.5, -1.0], [1.0, -5.0]].map(|[x, y]| [f64::from(k) + x, y]));
+        let teeth =
+            (0..12).flat_map(|k| [[0.5, -1.0], [1.0, -5.0]].map(|[x, y]| [f64::from(k) + x, y]));
         check(&Vec::from_iter([[12.0, 0.0], [0.0, 0.0]].into_iter().chain(teeth)));
     }
 

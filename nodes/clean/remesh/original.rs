@@ -116,8 +116,12 @@ impl<'a> Original<'a> {
     fn nearest(&self, points: &[Point3<f64>]) -> Vec<NearestPlace> {
         let found = self.tree.nearest_to_all(points).into_iter();
         // Places so far away that no distance can be told have what is on the first face.
-        let far =
-            NearestPlace { distance_sq: f64::INFINITY, face: 0, corners: [0; 3], shares: [1.0, 0.0, 0.0] };
+        let far = NearestPlace {
+            distance_sq: f64::INFINITY,
+            face: 0,
+            corners: [0; 3],
+            shares: [1.0, 0.0, 0.0],
+        };
         found.map(|place| place.unwrap_or(far)).collect()
     }
 }

@@ -277,7 +277,10 @@ mod tests {
             with_document(|d| d["accessors"][0]["sparse"] = sparse).unwrap_err().to_string()
         };
         assert_eq!(with_sparse(sparse(1, 1)), "accessor 0 has sparse indices of an unknown type");
-        assert_eq!(with_sparse(sparse(5121, 999)), "accessor 0 has sparse entries outside of the buffer");
+        assert_eq!(
+            with_sparse(sparse(5121, 999)),
+            "accessor 0 has sparse entries outside of the buffer"
+        );
         let behind = with_sparse(sparse(5125, 3));
         assert_eq!(behind, "accessor 0 has a sparse entry behind its end");
         assert_eq!(

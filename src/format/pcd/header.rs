@@ -227,11 +227,13 @@ fn layout(
     });
     let channels = three(["r", "g", "b"]).or_else(|| three(["red", "green", "blue"]));
     let place = [place("x")?, place("y")?, place("z")?];
-    let read = place.iter().chain(normal.iter().flatten()).chain(&color).chain(channels.iter().flatten());
+    let read =
+        place.iter().chain(normal.iter().flatten()).chain(&color).chain(channels.iter().flatten());
     let read = Vec::from_iter(read.map(|field| field.index));
-    let others = names.iter().zip(&fields).filter(|(name, field)| {
-        !read.contains(&field.index) && field.bytes > 0 && **name != b"_"
-    });
+    let others = names
+        .iter()
+        .zip(&fields)
+        .filter(|(name, field)| !read.contains(&field.index) && field.bytes > 0 && **name != b"_");
     let others = others.flat_map(|(name, field)| field.each(&String::from_utf8_lossy(name)));
     let seen_from = lines.find("VIEWPOINT").map_or(&[][..], |(_, words)| words);
     let usual = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];

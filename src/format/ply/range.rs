@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::body::Body;
 use super::header::{self, Element, Header};
 use super::{PlyError, Property, Table, skip};
-use crate::range_file::{Axes, RangeFile, Rows};
+use crate::range_file::{self, Axes, RangeFile, Rows};
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
 ///
@@ -20,6 +20,7 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let (mut vertices, mut cells) = (None, None);
+    let mut notes = Vec::new();
     for element in &header.elements {
         body.check_room(element)?;
         match &*element.name {
@@ -27,18 +28,27 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
             "range_grid" if cells.is_none() => {
                 cells = Some(read_cells(&header, element, &mut body)?);
             }
-            _ => skip(element, &mut body)?,
+            _ => {
+                if element.count > 0 {
+                    notes.push(format!(
+                        "the element `{}` is left out: a range image has none",
+                        element.name
+                    ));
+                }
+                skip(element, &mut body)?;
+            }
         }
     }
     let (size, cells) = cells.ok_or(PlyError::NoGrid)?;
     let vertices = vertices.ok_or(PlyError::NoVertices)?;
-    let range = gather(size, &cells, vertices)?;
+    let range = gather(size, &cells, vertices, &mut notes)?;
     let cyberware = header.info("is_cyberware_data") == Some(1.0);
     Ok(RangeFile {
         range,
         unit: cyberware.then_some(1000.0),
         axes: cyberware.then_some(Axes::YUp),
         rows: Rows::ByHeight,
+        notes,
     })
 }
 
@@ -93,6 +103,7 @@ fn gather(
     [columns, rows]: [usize; 2],
     cells: &[u32],
     mut vertices: Table<'_>,
+    notes: &mut Vec<String>,
 ) -> Result<RangeImage, PlyError> {
     let places = vertices.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
     let places = vertices.rows.gather(&places, Point3::from);
@@ -107,7 +118,10 @@ fn gather(
     };
     let points = cells.iter().map(point).collect();
     let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
-    let Some(colors) = vertices.take_colors(&mut Vec::new()) else { return Ok(range) };
+    let colors = vertices.take_colors(notes);
+    let others = vertices.columns.iter().map(|column| &column.property.name[..]);
+    notes.extend(range_file::left_out(others));
+    let Some(colors) = colors else { return Ok(range) };
     let color = |&vertex: &u32| colors.get(vertex as usize).copied().unwrap_or_default();
     let colors = cells.iter().map(color).collect();
     Ok(range.with_colors(colors).expect("there is a color for each cell"))

@@ -285,7 +285,8 @@ fn at_vertices(
 fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     let middle = |face: usize| {
         let corners = first_triangle(mesh, face).map(|corner| mesh.faces().corners()[corner]);
-        let sum: Vector3<f64> = corners.map(|v| mesh.positions()[v as usize].coords).into_iter().sum();
+        let sum: Vector3<f64> =
+            corners.map(|v| mesh.positions()[v as usize].coords).into_iter().sum();
         (face, Point3::from(sum / 3.0))
     };
     let count = mesh.faces().len().div_ceil(stride);

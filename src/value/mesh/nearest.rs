@@ -403,7 +403,7 @@ mod tests {
             })
             .collect();
         for (point, hit) in points.iter().zip(tree.nearest_to_all(&points)) {
-            let all = tree.triangles.iter().map(|triangle| to_triangle(*point, triangle.corners).0);
+            let all = tree.triangles.iter().map(|triangle| to_triangle(*point, triangle.places).0);
             let nearest = all.fold(f64::INFINITY, f64::min);
             assert!((hit.unwrap().distance_sq - nearest).abs() < 1e-12);
         }

@@ -38,7 +38,8 @@ impl Mesh {
         }
         let corners = self.faces().corners();
         let triangles = self.triangle_corners();
-        let vertices = triangles.into_par_iter().map(|it| it.map(|corner| corners[corner as usize]));
+        let vertices =
+            triangles.into_par_iter().map(|it| it.map(|corner| corners[corner as usize]));
         Cow::Owned(vertices.collect())
     }
 
