@@ -1,7 +1,7 @@
 //! Reads a mesh from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{Context, Error, FilePath, NoReader, Node, Reading};
+use maquette_node::{ColorRange, Context, Error, FilePath, NoReader, Node, Reading};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
@@ -24,6 +24,9 @@ pub struct ReadMesh {
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
     #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
+    /// The range of colors in PLY and OBJ files, which many do not say. If left out, it is decided by all colors of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colors: Option<ColorRange>,
 }
 
 impl Node for ReadMesh {
@@ -31,7 +34,7 @@ impl Node for ReadMesh {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let mesh = cx.read(&self.path)?;
+        let mesh = cx.read_with_colors(&self.path, self.colors)?;
         let says_its_unit = ["glb", "gltf", "3mf"].contains(&&cx.file(&self.path)?.ending()[..]);
         Ok((if says_its_unit { mesh } else { mesh_in_millimeters(mesh, self.unit)? },))
     }

@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{Context, Error, FilePath, Node};
+use maquette_node::{ColorRange, Context, Error, FilePath, Node};
 use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,9 @@ pub struct ReadPoints {
     /// The unit of the file's coordinates; they are converted to mm.
     #[serde(default)]
     pub unit: Unit,
+    /// The range of colors in PLY, PCD and XYZ files, which many do not say. If left out, it is decided by all colors of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colors: Option<ColorRange>,
 }
 
 impl Node for ReadPoints {
@@ -28,7 +31,7 @@ impl Node for ReadPoints {
     const OUTPUTS: [&'static str; 1] = ["points"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((in_millimeters(cx.read(&self.path)?, self.unit)?,))
+        Ok((in_millimeters(cx.read_with_colors(&self.path, self.colors)?, self.unit)?,))
     }
 }
 
@@ -59,8 +62,8 @@ mod tests {
 
     #[test]
     fn every_unit_is_converted_to_millimeters_and_normals_stay() {
-        let points = in_millimeters(xyz::read(b"1 2 3 0 0.5 0\n").unwrap(), Unit::Inch).unwrap();
+        let points = in_millimeters(xyz::read(b"1 2 3 0 1 0\n").unwrap(), Unit::Inch).unwrap();
         assert_eq!(points.positions()[0], nalgebra::Point3::new(25.4, 50.8, 76.2));
-        assert_eq!(points.attributes().vectors("normal").unwrap()[0], [0.0, 0.5, 0.0]);
+        assert_eq!(points.attributes().vectors("normal").unwrap()[0], [0.0, 1.0, 0.0]);
     }
 }

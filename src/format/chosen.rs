@@ -15,7 +15,7 @@ fn the_type_and_the_ending_choose_the_reader() {
     let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
     assert_eq!(
         error,
-        "no Points can be read from `.obj`; known are ply, pcd, xyz, ptx, las, laz, e57"
+        "no Points can be read from `.obj`; known are ply, pcd, xyz, xyzn, xyzrgb, xyzi, pts, asc, ptx, las, laz, e57"
     );
     let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
     assert!(error.starts_with("no value can be read from a file without an ending; known are "));

@@ -17,6 +17,7 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::corners::{Split, split};
+use super::left_out::Holds;
 use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
@@ -71,9 +72,17 @@ impl FileFormat for MeshGlb {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().collect()
+        coarse_mesh(mesh).into_iter().chain(HOLDS.left_out(mesh)).collect()
     }
 }
+
+/// What its files hold of a mesh.
+const HOLDS: Holds = Holds {
+    vertex: Some(&["normal", "uv", "color"]),
+    corner: &["normal", "uv"],
+    face: false,
+    picture: true,
+};
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     Ok(content(mesh, None)?.into_bytes())

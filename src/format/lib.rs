@@ -40,6 +40,7 @@ mod finite;
 #[cfg(test)]
 mod hostile;
 mod json;
+mod left_out;
 mod lists;
 #[cfg(test)]
 mod others;

@@ -9,7 +9,7 @@ use maquette_value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rg
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::colors::Range;
+use super::colors::{self, ColorRange};
 use super::corners::{FaceList, with_corners};
 use super::finite::{self, Finite};
 use super::{excerpt, parse, real, words};
@@ -121,12 +121,15 @@ pub enum ObjError {
 /// # Errors
 /// If a line cannot be understood, names what is not there yet, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
-    Ok(read_noted(bytes)?.0)
+    Ok(read_noted(bytes, None)?.0)
 }
 
 /// The same, and what the user should know of what is left out or understood in one of several ways.
-fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ObjError> {
-    let mut reader = Reader::default();
+fn read_noted(
+    bytes: &[u8],
+    color_range: Option<ColorRange>,
+) -> Result<(Mesh, Vec<String>), ObjError> {
+    let mut reader = Reader { color_range, ..Reader::default() };
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
     reader.finish()
 }
@@ -196,6 +199,8 @@ const SILENT: [&[u8]; 16] = [
 
 #[derive(Default)]
 struct Reader {
+    /// The range of colors, if the user says it.
+    color_range: Option<ColorRange>,
     positions: Vec<Point3<f64>>,
     /// What stands behind the coordinates of a vertex.
     behind: Vec<[f64; 4]>,
@@ -351,9 +356,10 @@ impl Reader {
             }
         };
         let channels = |numbers: &[f64; 4]| [0, 1, 2].map(|k| numbers[first + k]);
-        let range = Range::of(behind.iter().flat_map(channels), false);
-        notes.extend(range.note(Range::One));
-        let color = |numbers: &[f64; 4]| channels(numbers).map(|channel| range.byte(channel));
+        let all = behind.iter().flat_map(channels);
+        let range = colors::decide(self.color_range, all, false, ColorRange::To1, notes);
+        let color =
+            |numbers: &[f64; 4]| channels(numbers).map(|channel| colors::byte(range, channel));
         Some(behind.iter().map(color).collect())
     }
 
@@ -477,11 +483,11 @@ mod tests {
     #[test]
     fn colors_are_read_in_whatever_range_they_are() {
         let colors = |text: &str| {
-            let (mesh, notes) = read_noted(text.as_bytes()).unwrap();
+            let (mesh, notes) = read_noted(text.as_bytes(), None).unwrap();
             (mesh.vertex().colors("color").map(|colors| colors.to_vec()), notes)
         };
         let expected = Some(vec![[255, 0, 0], [10, 200, 30]]);
-        let to_255 = "colors are read as from 0 to 255, since the largest number in them says so";
+        let to_255 = "colors are read as from 0 to 255, as their largest number says; `colors: To255` or another range says otherwise";
         for file in [
             "v 0 0 0 255 0 0\nv 1 0 0 10 200 30",
             // A weight before them, and an opacity behind them.
@@ -498,7 +504,7 @@ mod tests {
 
     #[test]
     fn what_other_programs_write_is_read_and_what_is_left_out_is_told() {
-        let read = |text: &str| read_noted(text.as_bytes()).unwrap();
+        let read = |text: &str| read_noted(text.as_bytes(), None).unwrap();
         let tetrahedron =
             "v 0 0 0\nv 10 0 0\nv 0 20 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
         let (whole, notes) = read(tetrahedron);

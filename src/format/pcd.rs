@@ -12,7 +12,7 @@ use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::colors::Range;
+use super::colors::{self, ColorRange};
 use super::finite::{self, Finite};
 use super::range_file::{self, RangeFile};
 use super::rows::{fill_blocks, fill_column};
@@ -166,7 +166,7 @@ pub(super) fn read_range(bytes: &[u8]) -> Result<RangeFile, PcdError> {
 
 /// The points of a PCD file, organized or not, with their colors (`rgb`, or `r g b`) and normals (`normal_x normal_y normal_z`, or `nx ny nz`); all other
 /// fields become numbers of their names. And what the user should know of what is left out or understood in one of several ways.
-fn read_points(bytes: &[u8]) -> Result<(Points, Vec<String>), PcdError> {
+fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<String>), PcdError> {
     let header = header::read(bytes)?;
     let (mut places, colors) = cells(&header, bytes, Point3::from)?;
     let finite = Finite::of(&mut places);
@@ -188,10 +188,11 @@ fn read_points(bytes: &[u8]) -> Result<(Points, Vec<String>), PcdError> {
     } else if let Some(fields) = header.channels {
         let channels = three(fields)?;
         let all = || channels.iter().flat_map(|color| color.iter().copied());
-        let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
-        notes.extend(range.note(Range::Byte));
-        let color =
-            |color: &Point3<f64>| [color.x, color.y, color.z].map(|channel| range.byte(channel));
+        let are_whole = all().all(|channel| channel.fract() == 0.0);
+        let range = colors::decide(range, all(), are_whole, ColorRange::To255, &mut notes);
+        let color = |color: &Point3<f64>| {
+            [color.x, color.y, color.z].map(|channel| colors::byte(range, channel))
+        };
         let colors = channels.iter().map(color).collect();
         points = points.with_attribute("color", Attribute::Color(colors)).expect(of_each);
     }
@@ -365,7 +366,7 @@ impl FileReader for PointsPcd {
     const ENDINGS: &'static [&'static str] = &["pcd"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        let (points, notes) = read_points(file.bytes())?;
+        let (points, notes) = read_points(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.doubt(note));
         Ok(points)
     }
@@ -537,7 +538,7 @@ mod tests {
     fn a_list_of_points_is_read_with_colors_and_normals_and_without_what_is_nowhere() {
         let file = b"FIELDS x y z rgb normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4 4\nTYPE F F F U F F F\nWIDTH 3\nHEIGHT 1\n\
             DATA ascii\n1 2 0 65280 0 0 1\nnan 0 0 0 0 0 1\n4 5 6 255 nan nan nan\n";
-        let (points, notes) = read_points(file).unwrap();
+        let (points, notes) = read_points(file, None).unwrap();
         let left_out = "1 point is left out: a coordinate is NaN or infinite";
         let no_normal = "`normal` of 1 point is NaN or infinite: there is a zero in place of it";
         assert_eq!(notes, [left_out, no_normal]);
@@ -551,14 +552,14 @@ mod tests {
         PointsPcd::read(&file).unwrap();
         assert_eq!(file.doubts(), [left_out, no_normal]);
         let holes = grid().iter().filter(|point| point.is_none()).count();
-        assert_eq!(read_points(COMPRESSED).unwrap().0.positions().len(), 48 - holes);
+        assert_eq!(read_points(COMPRESSED, None).unwrap().0.positions().len(), 48 - holes);
     }
 
     #[test]
     fn fields_of_any_name_become_numbers_and_fillers_none() {
         let file = b"FIELDS x y z r g b _ ring histogram nx ny nz\nSIZE 4 4 4 1 1 1 1 2 4 4 4 4\nTYPE F F F U U U U U F F F F\nCOUNT 1 1 1 1 1 1 2 1 2 1 1 1\n\
             WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 5 1 0 0 0\nDATA ascii\n1 2 0 255 0 0 9 9 7 .5 .25 0 0 1\n3 4 5 10 20 30 9 9 8 1 2 0 1 0\n";
-        let (points, notes) = read_points(file).unwrap();
+        let (points, notes) = read_points(file, None).unwrap();
         let attributes = points.attributes();
         assert_eq!(attributes.colors("color").unwrap()[..], [[255, 0, 0], [10, 20, 30]]);
         assert_eq!(attributes.vectors("normal").unwrap()[1], [0.0, 1.0, 0.0]);

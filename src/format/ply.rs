@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::At;
-use super::colors::Range;
+use super::colors::{self, ColorRange};
 use super::corners::with_corners;
 use super::finite::{self, Finite};
 
@@ -160,7 +160,7 @@ pub enum PlyError {
 /// # Errors
 /// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
-    let Contents { mesh, finite, .. } = read_whole(bytes)?;
+    let Contents { mesh, finite, .. } = read_whole(bytes, None)?;
     Ok(finite.mesh(mesh).0)
 }
 
@@ -177,7 +177,7 @@ struct Contents {
     pictures: Vec<String>,
 }
 
-fn read_whole(bytes: &[u8]) -> Result<Contents, PlyError> {
+fn read_whole(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents, PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let (mut notes, mut face_notes) = (Vec::new(), Vec::new());
@@ -215,8 +215,10 @@ fn read_whole(bytes: &[u8]) -> Result<Contents, PlyError> {
         }
     }
     notes.extend(body.rest());
-    let vertices = vertices.ok_or(PlyError::NoVertices)?;
-    let faces = faces.unwrap_or_default();
+    let mut vertices = vertices.ok_or(PlyError::NoVertices)?;
+    let mut faces = faces.unwrap_or_default();
+    vertices.color_range = color_range;
+    faces.scalars.iter_mut().for_each(|scalars| scalars.color_range = color_range);
     face_notes.extend(faces.list.notes());
     let (mesh, finite) = vertices.into_mesh(&header, faces, &mut notes)?;
     Ok(Contents { mesh, finite, notes, face_notes, pictures: header.pictures })
@@ -227,12 +229,15 @@ fn read_whole(bytes: &[u8]) -> Result<Contents, PlyError> {
 /// # Errors
 /// As for [`read`].
 pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
-    Ok(read_finite(bytes)?.0)
+    Ok(read_finite(bytes, None)?.0)
 }
 
 /// The points in a PLY file, how many were left out, and what the user should know.
-fn read_finite(bytes: &[u8]) -> Result<(Points, usize, Vec<String>), PlyError> {
-    let Contents { mesh, finite, notes, .. } = read_whole(bytes)?;
+fn read_finite(
+    bytes: &[u8],
+    color_range: Option<ColorRange>,
+) -> Result<(Points, usize, Vec<String>), PlyError> {
+    let Contents { mesh, finite, notes, .. } = read_whole(bytes, color_range)?;
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
         points = points
@@ -270,6 +275,8 @@ const COLORS: [[&str; 3]; 3] =
 struct Table<'a> {
     columns: Vec<Column>,
     rows: Rows<'a>,
+    /// The range of colors, if the user says it.
+    color_range: Option<ColorRange>,
 }
 
 /// A property in a table: how the file has it, and where and how the table has it.
@@ -302,7 +309,8 @@ impl<'a> Table<'a> {
             None => (Cow::Owned(read_numbers(element, body, stride)?), false),
         };
         let count = if columns.is_empty() { 0 } else { element.count };
-        Ok(Self { columns, rows: Rows { bytes, stride, count, big_endian } })
+        let rows = Rows { bytes, stride, count, big_endian };
+        Ok(Self { columns, rows, color_range: None })
     }
 
     /// Takes several columns out, if all are there.
@@ -344,14 +352,15 @@ impl<'a> Table<'a> {
             Scalar::U8 => {
                 return self.rows.gather(columns, |color| color.map(|channel| channel as u8));
             }
-            Scalar::F32 | Scalar::F64 => Range::One,
-            Scalar::U16 => Range::Word,
-            _ => Range::Byte,
+            Scalar::F32 | Scalar::F64 => ColorRange::To1,
+            Scalar::U16 => ColorRange::To65535,
+            _ => ColorRange::To255,
         };
         let colors = self.rows.gather(columns, |color| color);
-        let range = Range::of(colors.iter().flatten().copied(), usual != Range::One);
-        notes.extend(range.note(usual));
-        colors.into_iter().map(|color| color.map(|channel| range.byte(channel))).collect()
+        let (all, are_whole) = (colors.iter().flatten().copied(), usual != ColorRange::To1);
+        let range = colors::decide(self.color_range, all, are_whole, usual, notes);
+        let color = |color: [f64; 3]| color.map(|channel| colors::byte(range, channel));
+        colors.into_iter().map(color).collect()
     }
 
     /// Takes out what the comments of our own files say.

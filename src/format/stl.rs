@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::corners::FaceList;
+use super::left_out::Holds;
 use super::rows::floats;
 use super::upright::upright;
 use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, real, words};
@@ -286,9 +287,13 @@ impl FileFormat for MeshStl {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(open(mesh)).collect()
+        coarse_mesh(mesh).into_iter().chain(open(mesh)).chain(HOLDS.left_out(mesh)).collect()
     }
 }
+
+/// What its files hold of a mesh.
+const HOLDS: Holds =
+    Holds { vertex: Some(&["normal"]), corner: &["normal"], face: false, picture: false };
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
     check_mesh(mesh)?;

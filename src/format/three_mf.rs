@@ -14,6 +14,7 @@ use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::left_out::Holds;
 use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
 
@@ -39,7 +40,7 @@ impl FileFormat for MeshThreeMf {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(open(mesh)).collect()
+        coarse_mesh(mesh).into_iter().chain(open(mesh)).chain(HOLDS.left_out(mesh)).collect()
     }
 }
 
@@ -53,6 +54,14 @@ impl FileReader for MeshThreeMf {
         Ok(mesh)
     }
 }
+
+/// What its files hold of a mesh.
+const HOLDS: Holds = Holds {
+    vertex: Some(&["normal", "uv", "color"]),
+    corner: &["normal", "uv", "color"],
+    face: false,
+    picture: true,
+};
 
 const TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
@@ -126,14 +135,14 @@ impl Look {
                 return Self::Texture(listed, of_corner);
             }
         }
-        match mesh.vertex().colors("color") {
-            Some(colors) => {
-                let colors = corners.iter().map(|&vertex| colors[vertex as usize]);
-                let (listed, of_corner) = numbered(colors, |color| color);
-                Self::Colors(listed, of_corner)
-            }
-            None => Self::Plain,
-        }
+        let colors: Vec<Rgb> = match (mesh.vertex().colors("color"), mesh.corner().colors("color"))
+        {
+            (Some(colors), _) => corners.iter().map(|&vertex| colors[vertex as usize]).collect(),
+            (None, Some(colors)) => colors.to_vec(),
+            (None, None) => return Self::Plain,
+        };
+        let (listed, of_corner) = numbered(colors.into_iter(), |color| color);
+        Self::Colors(listed, of_corner)
     }
 }
 

@@ -7,8 +7,9 @@ use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::colors::Range;
+use super::colors::{self, ColorRange};
 use super::finite::{self, Finite};
+use super::left_out;
 use super::{check_single, coarse, excerpt, real, words};
 
 /// Why bytes are not points in an XYZ file.
@@ -60,11 +61,11 @@ pub enum XyzError {
 /// # Errors
 /// If a word is no number, lines have different numbers of them, or there is no point.
 pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
-    Ok(read_noted(bytes)?.0)
+    Ok(read_noted(bytes, None)?.0)
 }
 
 /// The same, and what the user should know of what is left out or understood in one of several ways.
-fn read_noted(bytes: &[u8]) -> Result<(Points, Vec<String>), XyzError> {
+fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<String>), XyzError> {
     let mut table = Table::default();
     // Very old programs end lines with CR alone.
     let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
@@ -90,10 +91,11 @@ fn read_noted(bytes: &[u8]) -> Result<(Points, Vec<String>), XyzError> {
             Role::Color => {
                 let channels = table.triples(at);
                 let all = || channels.iter().flat_map(|color| color.iter().copied());
-                let range = Range::of(all(), all().all(|channel| channel.fract() == 0.0));
-                notes.extend(range.note(Range::Byte));
-                let color =
-                    |color: &Point3<f64>| [color.x, color.y, color.z].map(|x| range.byte(x));
+                let are_whole = all().all(|channel| channel.fract() == 0.0);
+                let range = colors::decide(colors, all(), are_whole, ColorRange::To255, &mut notes);
+                let color = |color: &Point3<f64>| {
+                    [color.x, color.y, color.z].map(|x| colors::byte(range, x))
+                };
                 ("color".to_owned(), Attribute::Color(channels.iter().map(color).collect()))
             }
             Role::Normal => {
@@ -325,6 +327,12 @@ impl FileFormat for PointsXyz {
         });
         Ok(NewFile::only(name, encode(points.positions(), lines)))
     }
+
+    fn doubts(points: &Points) -> Vec<String> {
+        let has_colors = points.attributes().colors("color").is_some();
+        let held = if has_colors { "color" } else { "normal" };
+        left_out::of_points(points, &[held]).into_iter().collect()
+    }
 }
 
 /// Writes the points of the valid cells of a range image, with their colors.
@@ -370,10 +378,10 @@ fn encode(
 
 impl FileReader for PointsXyz {
     type Value = Points;
-    const ENDINGS: &'static [&'static str] = &["xyz"];
+    const ENDINGS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        let (points, notes) = read_noted(file.bytes())?;
+        let (points, notes) = read_noted(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.doubt(note));
         Ok(points)
     }
@@ -425,7 +433,7 @@ mod tests {
     #[test]
     fn columns_are_what_their_numbers_or_their_names_say() {
         let told = |text: &str| {
-            let (points, notes) = read_noted(text.as_bytes()).unwrap();
+            let (points, notes) = read_noted(text.as_bytes(), None).unwrap();
             let names = points.attributes().iter().map(|(name, _)| name.to_owned());
             (Vec::from_iter(names).join(" "), notes.len())
         };

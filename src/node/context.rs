@@ -11,7 +11,7 @@ use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
 use crate::file::{File, FilePath, ReadError};
 use crate::port::{In, PortType, at_port};
-use crate::reading::{NoReader, Readers, Reading};
+use crate::reading::{ColorRange, NoReader, Readers, Reading};
 
 /// How far a node is, and whether it should stop.
 #[derive(Clone, Default)]
@@ -121,9 +121,21 @@ impl Context<'_> {
     /// # Errors
     /// If the file is not there, nothing reads such files, or the reader fails.
     pub fn read<T: Value>(&self, path: &FilePath) -> Result<T, Error> {
+        self.read_with_colors(path, None)
+    }
+
+    /// The same, with the range of colors in files that do not say it, if the user knows it.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read).
+    pub fn read_with_colors<T: Value>(
+        &self,
+        path: &FilePath,
+        range: Option<ColorRange>,
+    ) -> Result<T, Error> {
         let file = self.file(path)?;
         let beside = |name: &str| file.companion(name);
-        let reading = Reading::new(file.name(), file.bytes(), &beside);
+        let reading = Reading::new(file.name(), file.bytes(), &beside).with_color_range(range);
         // Where nothing reads such files, the error names the ending.
         let named = |error: Error| match error.downcast::<NoReader>() {
             Some(_) => error,

@@ -37,5 +37,5 @@ pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, 
 pub use port::{In, Outputs, PortType};
 pub use previous::Previous;
 pub use provenance::Signature;
-pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
+pub use reading::{AnyReader, Beside, ColorRange, FileReader, NoReader, Reading, reader};
 pub use terms::{Promise, Source, Term, Want};

@@ -11,6 +11,8 @@ use maquette_syntax::paths::{PathProblem, may_read, project_root};
 use maquette_value::plain;
 use maquette_value::plain::{ending, without_mark};
 use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// A way to read one type of values from one kind of files.
 pub trait FileReader {
@@ -33,6 +35,17 @@ pub trait FileReader {
     const COMPANIONS: Option<fn(&Reading<'_>)> = None;
 }
 
+/// The largest number of a color channel, in files that do not say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum ColorRange {
+    /// Channels go from 0 to 1.
+    To1,
+    /// Channels go from 0 to 255.
+    To255,
+    /// Channels go from 0 to 65535.
+    To65535,
+}
+
 /// Finds a file that another one names, or says why not.
 pub type Beside<'a> = dyn Fn(&str) -> Result<Arc<[u8]>, String> + 'a;
 
@@ -41,13 +54,27 @@ pub struct Reading<'a> {
     name: &'a str,
     bytes: &'a [u8],
     beside: &'a Beside<'a>,
+    color_range: Option<ColorRange>,
     doubts: RefCell<Vec<String>>,
 }
 
 impl<'a> Reading<'a> {
     /// A file of this name and content; `beside` finds the files that it names, or says why not.
     pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a Beside<'a>) -> Self {
-        Self { name, bytes: without_mark(bytes), beside, doubts: RefCell::default() }
+        let (bytes, color_range) = (without_mark(bytes), None);
+        Self { name, bytes, beside, color_range, doubts: RefCell::default() }
+    }
+
+    /// The same file, where the user says the range of its colors.
+    #[must_use]
+    pub fn with_color_range(mut self, range: Option<ColorRange>) -> Self {
+        self.color_range = range;
+        self
+    }
+
+    /// The range of colors as the user says it. If `None`, a reader of a format that does not say it decides by all colors.
+    pub fn color_range(&self) -> Option<ColorRange> {
+        self.color_range
     }
 
     /// A file by itself: whatever it names is not there.

@@ -66,8 +66,8 @@ pub struct Shape {
     leaning: Vec<Leaning>,
     /// Whether a vertex of the mesh can be several here, because its corners have other data.
     is_split: bool,
-    /// True if all faces have the same number of corners and are fans, so that the number of a triangle tells its face.
-    is_regular: bool,
+    /// The faces that are not fans, in order, if all have the same number of corners.
+    bent: Vec<u32>,
 }
 
 /// A triangle with corners at which a computed normal leans too far away from it: it has a vertex of its own there.
@@ -127,7 +127,6 @@ impl Shape {
             None => (&corners[..], None),
         };
         let cut = Triangles::of(&mesh);
-        let is_regular = cut.listed.is_none();
         let shared = |triangle| cut.vertices(triangle, of_corners);
         let lean = |triangle| normals.lean(&mesh, &cut, triangle);
         let leaning: Vec<Leaning> = (0..cut.len()).into_par_iter().filter_map(lean).collect();
@@ -145,7 +144,8 @@ impl Shape {
         let origins = list(count, |k| seen.origin(k)).into();
         let (triangles, fields) = (triangles.into(), fields_of(&mesh).into());
         let computed = normals.computed().cloned();
-        drop((cut, paint, normals));
+        let bent = cut.bent;
+        drop((cut.listed, paint, normals));
         Self {
             mesh,
             ruler,
@@ -160,7 +160,7 @@ impl Shape {
             computed,
             leaning,
             is_split,
-            is_regular,
+            bent,
         }
     }
 
@@ -233,18 +233,22 @@ fn welded<K: PartialEq>(
 /// The triangles of a mesh's faces.
 struct Triangles<'a> {
     mesh: &'a Mesh,
-    /// The corners of each, unless all faces have the same number of corners and are fans.
+    /// The corners of each, if the faces have different numbers of them.
     listed: Option<Vec<[u32; 3]>>,
+    /// The faces that are not fans, in order, if all have the same number of corners.
+    bent: Vec<u32>,
 }
 
 impl<'a> Triangles<'a> {
     fn of(mesh: &'a Mesh) -> Self {
-        let is_regular = match mesh.faces().sides() {
-            Some(3) => true,
-            Some(_) => (0..mesh.faces().len()).into_par_iter().all(|face| mesh.is_fan(face)),
-            None => false,
+        let listed = mesh.faces().sides().is_none().then(|| mesh.triangle_corners());
+        let is_bent = |face: &u32| !mesh.is_fan(*face as usize);
+        let faces = if listed.is_some() || mesh.faces().sides() == Some(3) {
+            0
+        } else {
+            mesh.faces().len() as u32
         };
-        Self { mesh, listed: (!is_regular).then(|| mesh.triangle_corners()) }
+        Self { mesh, listed, bent: (0..faces).into_par_iter().filter(is_bent).collect() }
     }
 
     fn len(&self) -> usize {
@@ -266,7 +270,11 @@ impl<'a> Triangles<'a> {
         }
         let (face, k) = (triangle / self.of_face(), triangle % self.of_face());
         let first = face * (self.of_face() + 2);
-        [first, first + k + 1, first + k + 2]
+        if self.bent.binary_search(&(face as u32)).is_err() {
+            return [first, first + k + 1, first + k + 2];
+        }
+        let corners = self.mesh.face_triangles(face).nth(k);
+        corners.expect("as many triangles as in a fan").map(|corner| first + corner as usize)
     }
 
     /// Its vertices, of which these are those of all corners.

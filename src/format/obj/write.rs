@@ -13,6 +13,7 @@ use maquette_value::{Attribute, Column, Mesh, MeshError, Rgb};
 
 use super::material::Layout;
 use crate::corners::split;
+use crate::left_out::Holds;
 use crate::upright::upright;
 use crate::{check_mesh, coarse_mesh, picture_file, png};
 
@@ -55,9 +56,17 @@ impl FileFormat for MeshObj {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().collect()
+        coarse_mesh(mesh).into_iter().chain(HOLDS.left_out(mesh)).collect()
     }
 }
+
+/// What its files hold of a mesh.
+const HOLDS: Holds = Holds {
+    vertex: Some(&["normal", "uv", "color"]),
+    corner: &["normal", "uv"],
+    face: false,
+    picture: true,
+};
 
 /// What the corners of a face refer to, beside the vertex: one number per corner, from 0.
 enum Reference {
@@ -216,7 +225,7 @@ impl FileReader for MeshObj {
     const ENDINGS: &'static [&'static str] = &["obj"];
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        let (mesh, notes) = super::read_noted(file.bytes())?;
+        let (mesh, notes) = super::read_noted(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.doubt(note));
         let found = super::picture(file.bytes(), &mut |name| file.companion(name));
         found.doubts.into_iter().for_each(|doubt| file.doubt(doubt));

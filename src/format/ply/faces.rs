@@ -91,7 +91,7 @@ impl FaceTable {
         let columns = Vec::from_iter(scalars);
         let stride = columns.len() * size_of::<f64>();
         let rows = Rows { bytes: Cow::Owned(numbers), stride, count, big_endian: false };
-        table.scalars = (!columns.is_empty()).then_some(Table { columns, rows });
+        table.scalars = (!columns.is_empty()).then_some(Table { columns, rows, color_range: None });
         Ok(table)
     }
 

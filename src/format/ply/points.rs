@@ -121,7 +121,7 @@ impl FileReader for PointsPly {
     const ENDINGS: &'static [&'static str] = &["ply"];
 
     fn read(file: &Reading<'_>) -> Result<Points, Error> {
-        let (points, left_out, notes) = super::read_finite(file.bytes())?;
+        let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.doubt(note));
         finite::tell(file, left_out, "point");
         Ok(points)

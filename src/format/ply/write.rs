@@ -13,6 +13,7 @@ use nalgebra::Point3;
 
 use super::Contents;
 use super::header::{self, CORNER_UV, Kind, TEXCOORD};
+use crate::left_out::Holds;
 use crate::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::upright::{upright_points, upright_sign};
 use crate::{TooFar, check_mesh, coarse_mesh, finite, picture_file};
@@ -38,6 +39,7 @@ impl FileFormat for MeshPly {
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
         let mut doubts = Vec::from_iter(coarse_mesh(mesh));
+        doubts.extend(HOLDS.left_out(mesh));
         if corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3) {
             doubts.push(
                 "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
@@ -48,6 +50,9 @@ impl FileFormat for MeshPly {
         doubts
     }
 }
+
+/// What its files hold of a mesh. The colors of a picture become those of vertices, the picture itself is lost.
+const HOLDS: Holds = Holds { vertex: None, corner: &["uv"], face: true, picture: false };
 
 /// Writes a control net as quads, with weights and fixed flags.
 pub(crate) struct ControlNetPly;
@@ -387,7 +392,7 @@ impl FileReader for MeshPly {
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
         let Contents { mesh, finite, notes, face_notes, pictures } =
-            super::read_whole(file.bytes())?;
+            super::read_whole(file.bytes(), file.color_range())?;
         notes.into_iter().chain(face_notes).for_each(|note| file.doubt(note));
         let (mesh, left_out) = finite.mesh(mesh);
         finite::tell(file, left_out, "face");

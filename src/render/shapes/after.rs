@@ -17,7 +17,7 @@ impl Shape {
         let texture = |mesh: &Mesh| mesh.texture().map(hash_of);
         let is_alike = !self.is_split && self.is_solid == is_solid && self.ruler == ruler;
         let can_lean = self.computed.is_some();
-        if !is_alike || can_lean && !self.is_regular {
+        if !is_alike || can_lean && mesh.faces().sides().is_none() {
             return None;
         }
         let moved =
@@ -27,17 +27,28 @@ impl Shape {
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
             return None;
         }
-        let is_cut_as_before = |&face: &u32| {
-            mesh.face_triangles(face as usize).eq(self.mesh.face_triangles(face as usize))
+        let touched = match mesh.faces().sides() {
+            Some(3) => Vec::new(),
+            _ => mesh.faces_with(&moved.vertices),
         };
-        if mesh.faces().sides() != Some(3)
-            && !mesh.faces_with(&moved.vertices).iter().all(is_cut_as_before)
-        {
+        let is_recut = |&&face: &&u32| {
+            let cut = |mesh: &Mesh| mesh.face_triangles(face as usize);
+            !cut(mesh).eq(cut(&self.mesh))
+        };
+        let recut = Vec::from_iter(touched.iter().filter(is_recut));
+        // The triangles of mixed faces have no numbers that tell their faces.
+        if !recut.is_empty() && mesh.faces().sides().is_none() {
             return None;
         }
+        let mut bent = self.bent.clone();
+        if !recut.is_empty() {
+            bent.retain(|face| touched.binary_search(face).is_err());
+            bent.extend(touched.iter().filter(|face| !mesh.is_fan(**face as usize)));
+            bent.sort_unstable();
+        }
         let (paint, normals) = (Paint::of(mesh), Normals::of(mesh));
-        // Where triangles are listed none leans here, and no triangle is asked for.
-        let cut = Triangles { mesh, listed: None };
+        // Where faces have different numbers of corners none leans here, and no triangle is asked for.
+        let cut = Triangles { mesh, listed: None, bent };
         let turned = match (&self.computed, normals.computed()) {
             (Some(before), Some(now)) => now.changed(before)?,
             _ => moved.normals,
@@ -55,6 +66,9 @@ impl Shape {
         }
         let mut triangles =
             BTreeMap::from_iter(self.leaning.iter().map(|it| (it.triangle, shared(it.triangle))));
+        let of_face = cut.of_face();
+        let of_recut = recut.iter().flat_map(|face| (**face as usize * of_face..).take(of_face));
+        triangles.extend(of_recut.map(|triangle| (triangle, shared(triangle))));
         own.patch(&leaning, shared, |triangle, vertices| _ = triangles.insert(triangle, vertices));
         triangles.retain(|&triangle, vertices| self.triangles[triangle] != *vertices);
         let rows =
@@ -79,7 +93,7 @@ impl Shape {
             computed: normals.computed().cloned(),
             leaning,
             is_split: false,
-            is_regular: self.is_regular,
+            bent: cut.bent,
         })
     }
 

@@ -5,6 +5,8 @@ use maquette::format::{
     abs, camera, depth, e57, glb, jpeg, las, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
 };
 use maquette::random::Random;
+use maquette::value::{Mesh, Points};
+use maquette::{Reading, Value};
 
 /// A reader, called for what it does to itself, not for what it gives.
 pub(crate) struct Reader {
@@ -39,6 +41,21 @@ const PATCH: &[u8] = b"v 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0 \\\nvt 0 0\nvt
 const SPLINE: &[u8] = b"v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
     curv 0 2 1 2 3 -1\nparm u 0 0 0 1 \\\n 2 2 2\nend\n";
 
+/// A scene whose buffer and picture are other files.
+const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "scale": [1, 2, 1]}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+    "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 0.5, 1, 1]}}],
+    "textures": [{"source": 0}], "images": [{"uri": "a.png"}, {"uri": "a.png"}], "buffers": [{"byteLength": 60, "uri": "a.bin"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "sparse": {"count": 1,
+    "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}}},
+    {"bufferView": 1, "byteOffset": 0, "componentType": 5126, "count": 3, "type": "VEC2"}]}"#;
+
+/// Reads a file of this name; each file that it names is itself.
+fn by_name<T: Value>(name: &str, bytes: &[u8]) {
+    drop(maquette::format::read::<T>(&Reading::new(name, bytes, &|_| Ok(bytes.into()))));
+}
+
 /// All readers.
 pub(crate) const READERS: &[Reader] = &[
     Reader {
@@ -65,6 +82,7 @@ pub(crate) const READERS: &[Reader] = &[
         read: |bytes| drop(glb::read(bytes)),
         seeds: seeds!("colored.glb", "textured.glb"),
     },
+    Reader { name: "gltf", read: |bytes| by_name::<Mesh>("a.gltf", bytes), seeds: &[SCENE] },
     Reader {
         name: "jpeg",
         read: |bytes| drop(jpeg::read(bytes)),
@@ -118,9 +136,19 @@ pub(crate) const READERS: &[Reader] = &[
         seeds: seeds!("norgb.ptx", "rgb.ptx"),
     },
     Reader {
+        name: "ptx_points",
+        read: |bytes| by_name::<Points>("a.ptx", bytes),
+        seeds: seeds!("norgb.ptx", "rgb.ptx"),
+    },
+    Reader {
         name: "stl",
         read: |bytes| drop(stl::read(bytes)),
         seeds: &[SOLID, include_bytes!("../../data/formats/square.stl")],
+    },
+    Reader {
+        name: "three_mf",
+        read: |bytes| by_name::<Mesh>("a.3mf", bytes),
+        seeds: seeds!("print.3mf"),
     },
     Reader {
         name: "tiff",
