@@ -37,7 +37,7 @@ pub enum PtxError {
         text: String,
     },
     /// A transformation that is no rigid motion.
-    #[error("line {line}: the transformation is no rigid motion, a rotation and a translation")]
+    #[error("line {line}: the transformation is no rigid motion, a rotation and a translation: `ReadPoints` applies it to the points")]
     Pose {
         /// Its first line, from 1.
         line: usize,

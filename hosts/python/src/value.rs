@@ -153,15 +153,11 @@ impl Value {
         Ok(Some((ends, Column::list("edge of a corner", edges.of_corner, 1))))
     }
 
-    /// The corners of its faces as triangles, those of larger faces as fans.
+    /// Its faces as triangles; larger ones are cut along diagonals within them.
     fn triangles(&self, py: Python<'_>) -> PyResult<Option<Column>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
-        let fan = |face: &[u32]| {
-            let sides = face.windows(2).skip(1);
-            Vec::from_iter(sides.flat_map(|side| [face[0], side[0], side[1]]))
-        };
-        let corners = on_threads(py, || mesh.faces().iter().flat_map(fan).collect())?;
-        Ok(Some(Column::list("triangles", corners, 3)))
+        let triangles = on_threads(py, || mesh.triangles().as_flattened().to_vec())?;
+        Ok(Some(Column::list("triangles", triangles, 3)))
     }
 }
 

@@ -384,7 +384,7 @@ class Mesh(Value):
 
     @property
     def triangles(self) -> _Indices:
-        """Its faces as triangles, (t, 3), those of more corners cut as fans."""
+        """Its faces as triangles, (t, 3), those of more corners cut along diagonals within them."""
         import numpy as np
 
         return np.asarray(self._native.triangles())
