@@ -6,6 +6,7 @@ use clap::Args;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
+use maquette_value::plain;
 use serde_json::json;
 
 use super::{Exit, print, print_json, report};
@@ -68,7 +69,7 @@ impl Diff {
 fn source(path: &Path) -> Result<Source, String> {
     let text = match path == Path::new("/dev/null") {
         true => Ok("Graph(format: 1)".to_owned()),
-        false => std::fs::read_to_string(path),
+        false => std::fs::read(path).and_then(plain::text_of),
     };
     let text = text.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
     Ok(Source { name: path.to_owned(), text })

@@ -88,7 +88,7 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
     if path != Path::new("-") {
         return plain::read_text(path);
     }
-    let mut text = String::new();
-    std::io::stdin().lock().read_to_string(&mut text)?;
-    Ok(text)
+    let mut bytes = Vec::new();
+    std::io::stdin().lock().read_to_end(&mut bytes)?;
+    plain::text_of(bytes)
 }

@@ -21,12 +21,15 @@ pub struct Check<'w, 'a> {
     pub(super) missing_packs: Vec<String>,
     /// What stands as a name and cannot be one, of which nothing more is said.
     pub(super) misnamed: HashSet<String>,
+    /// Of a text with syntax errors, the parts that may say something else than was meant.
+    pub(super) doubtful: Option<Vec<Span>>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
     pub fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
         let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
-        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed }
+        let doubtful = None;
+        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed, doubtful }
     }
 
     /// Whether the file is that of the graph itself, and not of one that it uses.
