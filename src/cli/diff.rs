@@ -10,6 +10,7 @@ use maquette_value::plain;
 use serde_json::json;
 
 use super::{Exit, print, print_json, report};
+use crate::Shown;
 
 /// Graphs that they use are compared, too, where each of them has its own, as two checkouts of a project have.
 ///
@@ -55,7 +56,7 @@ impl Diff {
             }));
         } else {
             if let Some(path) = title {
-                print(&format!("{}\n", path.display()));
+                print(&format!("{}\n", path.shown()));
             }
             let indent = if title.is_some() { "    " } else { "" };
             differences.iter().for_each(|found| print(&format!("{indent}{found}\n")));
@@ -71,6 +72,6 @@ fn source(path: &Path) -> Result<Source, String> {
         true => Ok("Graph(format: 1)".to_owned()),
         false => std::fs::read(path).and_then(plain::text_of),
     };
-    let text = text.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    let text = text.map_err(|error| format!("cannot read {}: {error}", path.shown()))?;
     Ok(Source { name: path.to_owned(), text })
 }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use maquette_syntax::error::{MOST_TOLD, Span, Use};
+use maquette_syntax::error::{MOST_TOLD, Span, Use, code};
 use maquette_syntax::{Finding, Help, Sheet};
 
 use crate::world::World;
@@ -45,6 +45,18 @@ impl<'w, 'a> Check<'w, 'a> {
         help: impl Into<Help>,
     ) {
         self.findings.push(Finding { code, span, message, help: help.into(), note: None });
+    }
+
+    /// Reports a name that stands in the way of another one, which is noted.
+    pub(super) fn find_beside(
+        &mut self,
+        span: Span,
+        message: String,
+        help: &str,
+        note: (Span, String),
+    ) {
+        let (code, help, note) = (code::BAD_NAME, help.into(), Some(note));
+        self.findings.push(Finding { code, span, message, help, note });
     }
 
     /// What may have been meant, as long as problems are few enough to be told: a guess looks at all that there is.

@@ -61,5 +61,5 @@ pub use shell::shell;
 pub use steps::{inside, inside_option, merged, resolve, variants};
 pub use suggest::{LOOKS, nearest, nearest_or_all, unknown};
 pub use tree::{Body, Field, Given, Kind, Name, Origin, Tree, cut};
-pub use twice::{fields_twice, twice};
+pub use twice::{fields_twice, one_file_twice, twice};
 pub use unit::{Quantity, Unit, unit_names};

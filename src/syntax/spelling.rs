@@ -5,7 +5,18 @@ use unicode_normalization::UnicodeNormalization;
 /// The form of a file's name in which names are equal that are one file on macOS or Windows: there `A.png` is `a.png`, and on macOS
 /// a composed `é` is a decomposed one.
 pub fn file_key(name: &str) -> String {
-    name.nfd().flat_map(char::to_lowercase).nfd().collect()
+    let parts = name.split('/').filter(|part| !matches!(*part, "" | "."));
+    let path = Vec::from_iter(parts).join("/");
+    path.nfd().flat_map(char::to_lowercase).nfd().collect()
+}
+
+/// What is wrong with two different names that are one file.
+pub fn one_file(what: &str, first: &str, second: &str) -> String {
+    let spelled = match look_alike(first, second) {
+        true => format!(", the second {}", difference(first, second)),
+        false => String::new(),
+    };
+    format!("{what} `{first}` and `{second}` are one file on macOS and Windows{spelled}")
 }
 
 /// Returns true if two different names look the same.

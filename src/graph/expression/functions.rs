@@ -90,9 +90,9 @@ const FUNCTIONS: [Function; 15] = [
     Function::new("atan2", 2, 2, Computes::Angle(|x| libm::atan2(x[0], x[1]))),
 ];
 
-/// The names of all functions and constants.
+/// The names of all functions.
 pub(crate) fn function_names() -> impl Iterator<Item = &'static str> {
-    FUNCTIONS.iter().map(|function| function.name).chain(["if", "pi"])
+    FUNCTIONS.iter().map(|function| function.name).chain(["if"])
 }
 
 /// Returns true for a word that has a value by itself.
