@@ -190,8 +190,7 @@ pub enum NoGolden {
 
 /// The golden of this name in a folder.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
-    let file =
-        |suffix: &str| plain::read(&folder.join(format!("{name}{suffix}"))).ok();
+    let file = |suffix: &str| plain::read(&folder.join(format!("{name}{suffix}"))).ok();
     let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
     // Which of both is wrong cannot be told.
     let unlike = |suffix: &str| {
