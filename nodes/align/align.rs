@@ -53,7 +53,7 @@ pub enum By {
     /// By points that were picked on both, and nothing else.
     Pairs {
         /// At least three, not on a line: a point of what is moved, and where it goes.
-        #[schemars(extend("unit" = "mm"))]
+        #[schemars(length(min = 3), extend("unit" = "mm"))]
         pairs: Vec<[[f64; 3]; 2]>,
     },
 }

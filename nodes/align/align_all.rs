@@ -23,6 +23,7 @@ use super::place::{Start, all_pairs, together};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct AlignAll {
     /// The scans: range images, points or meshes. A scan need not overlap the first one, if others lie between.
+    #[schemars(extend("least" = 1))]
     pub scans: Vec<In<Scan>>,
     /// How their places are found.
     #[serde(default)]
@@ -60,6 +61,7 @@ pub struct Turntable {
     pub angle: f64,
     /// The direction of the axis, against which the angle is counter-clockwise; if it is left out, the axis is found by what the surfaces
     /// look like, and the angle counts to either side.
+    #[schemars(extend("direction" = true))]
     #[serde(default)]
     pub axis: Option<[f64; 3]>,
     /// A place on the axis.

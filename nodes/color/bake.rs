@@ -41,6 +41,7 @@ pub struct Bake {
     pub mesh: In<Mesh>,
     /// Meshes of captures, each with its picture, as `Triangulate` and `Texture` make them: also aligned ones. They say where the camera was
     /// and what it saw.
+    #[schemars(extend("least" = 1))]
     pub captures: Vec<In<Mesh>>,
     /// How the mesh is laid out, if it gets new texture coordinates; size of the picture.
     #[serde(flatten)]

@@ -21,6 +21,7 @@ use super::{FfdError, Mode};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct GaussianSurface {
     /// The control points.
+    #[schemars(length(min = 1))]
     pub points: Vec<SurfacePoint>,
     /// Meets the points instead of only drawing near to them.
     #[serde(default)]

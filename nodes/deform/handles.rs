@@ -71,6 +71,7 @@ pub enum Within {
         radius: f64,
     },
     /// The points in a box, its sides included.
+    #[schemars(extend("ascending" = [["low", "high"]]))]
     Box {
         /// Its lowest corner.
         low: [f64; 3],

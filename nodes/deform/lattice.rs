@@ -18,7 +18,7 @@ pub struct Lattice {
     /// The object.
     pub mesh: In<Movable>,
     /// Cells along x, y and z.
-    #[schemars(range(min = 1, max = 64))]
+    #[schemars(inner(range(min = 1, max = 64)))]
     #[serde(default = "four")]
     pub cells: [usize; 3],
     /// Points on each side of a cell.

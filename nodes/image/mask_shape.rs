@@ -3,7 +3,7 @@
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::Mask;
 use maquette_value::parallel::*;
-use schemars::JsonSchema;
+use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 
 use super::picture::Picture;
@@ -32,7 +32,7 @@ pub enum Shape {
         #[schemars(extend("unit" = "px"))]
         at: [f64; 2],
         /// Its width and height.
-        #[schemars(extend("unit" = "px"))]
+        #[schemars(extend("unit" = "px", "items" = json_schema!({ "type": "number", "format": "double", "minimum": 0.0 })))]
         size: [f64; 2],
     },
     /// An ellipse.
@@ -41,7 +41,7 @@ pub enum Shape {
         #[schemars(extend("unit" = "px"))]
         center: [f64; 2],
         /// Half of its width and of its height, before it is turned.
-        #[schemars(extend("unit" = "px"))]
+        #[schemars(extend("unit" = "px", "items" = json_schema!({ "type": "number", "format": "double", "minimum": 0.0 })))]
         radii: [f64; 2],
         /// By how much it is turned, clockwise.
         #[schemars(extend("unit" = "deg"))]

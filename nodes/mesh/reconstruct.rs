@@ -40,6 +40,7 @@ mod tests;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Reconstruct {
     /// Points, range images, or meshes, of which the vertices and normals are taken.
+    #[schemars(extend("least" = 1))]
     pub points: Vec<In<Scattered>>,
     /// Whether captures are moved from their cameras' places to the world's.
     #[serde(default)]

@@ -32,7 +32,10 @@ pub enum Mapping {
     Planar {
         /// Half the picture's width and height, measured in half extents of the object: 1 if the object fills the picture.
         /// 0 takes it from the camera; without a camera it is 1.
-        #[schemars(range(min = 0.0))]
+        #[schemars(extend("prefixItems" = [
+            { "type": "number", "format": "double", "minimum": 0.0 },
+            { "type": "number", "format": "double", "minimum": 0.0 },
+        ]))]
         #[serde(default)]
         scale: (f64, f64),
     },

@@ -2,7 +2,7 @@
 
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Previous, Promise};
 use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
-use schemars::JsonSchema;
+use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 
 use super::followed::{Part, followed};
@@ -31,6 +31,7 @@ pub struct Transform {
     #[serde(default)]
     pub rotate: [f64; 3],
     /// Factors along x, y and z; not 0, and negative ones mirror.
+    #[schemars(extend("items" = json_schema!({ "type": "number", "format": "double", "nonzero": true })))]
     #[serde(default = "ones")]
     pub scale: [f64; 3],
     /// Forgets that a mesh or net was captured, so that its files have its coordinates as they are, y down and z away from the sensor.

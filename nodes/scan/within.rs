@@ -13,6 +13,7 @@ use super::scan::{Scan, is_there};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Within {
     /// A box with its sides along the axes.
+    #[schemars(extend("ascending" = [["min", "max"]]))]
     Box {
         /// Its lowest corner.
         #[schemars(extend("unit" = "mm"))]
@@ -36,9 +37,11 @@ pub enum Within {
         #[schemars(extend("unit" = "mm"))]
         through: [f64; 3],
         /// Where it looks; its length means nothing.
+        #[schemars(extend("direction" = true))]
         normal: [f64; 3],
     },
     /// What is so far away along z: of a capture, from its sensor.
+    #[schemars(extend("ascending" = [["from", "to"]]))]
     Depth {
         /// From so far on; from the beginning, if it is left out.
         #[schemars(extend("unit" = "mm"))]
@@ -50,6 +53,7 @@ pub enum Within {
         to: Option<f64>,
     },
     /// Where an attribute of points or vertices has such a value; a flag that is set has 1.
+    #[schemars(extend("ascending" = [["from", "to"]]))]
     Attribute {
         /// Its name.
         name: String,

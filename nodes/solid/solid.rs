@@ -41,6 +41,7 @@ pub enum Base {
         behind: f64,
         /// Where the base looks away from, of a mesh that no capture gave; its length means nothing. If left out, where the faces look on
         /// the whole.
+        #[schemars(extend("direction" = true))]
         #[serde(default)]
         up: Option<[f64; 3]>,
         /// What becomes of holes.

@@ -22,6 +22,7 @@ use super::{
     Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_document, print_json,
     put_problems, report,
 };
+use crate::Shown;
 use crate::tasks as batch;
 use crate::tasks::{
     Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, at_a_time,
@@ -170,7 +171,7 @@ impl Batch {
     /// The text of the sweep, and where it stands: for a graph it is made of the options.
     fn text(&self) -> Result<(PathBuf, String), String> {
         let read = plain::read_text(&self.file);
-        let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.display()))?;
+        let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.shown()))?;
         let is_sweep = first_word(&text) == "Sweep";
         let has_options = !self.values.is_empty() || self.scans.is_some();
         match (is_sweep, has_options) {
@@ -181,7 +182,7 @@ impl Batch {
             (false, false) => {
                 return Err(format!(
                     "{} is no Sweep(..): name what differs from task to task, `--sweep growth=5,12,20` or `--scans 'scans/*'`",
-                    self.file.display()
+                    self.file.shown()
                 ));
             }
             (false, true) => {}
@@ -298,7 +299,7 @@ impl Batch {
             Err(why) => return Exit::Usage(why),
         };
         if !self.json && !self.events {
-            print(&format!("{}\n", path.display()));
+            print(&format!("{}\n", path.shown()));
         }
         let missing = tasks.never_handed_over();
         let missing = (!missing.is_empty())

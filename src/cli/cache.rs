@@ -10,6 +10,7 @@ use maquette_graph::catalog::Catalog;
 use serde_json::json;
 
 use super::{Exit, counted, in_bytes, print, print_json};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Cache {
@@ -121,7 +122,7 @@ fn print_usage(folder: &Path, usage: &Usage, server: Option<&Server>, json: bool
     }
     print(&format!(
         "{}\n{} of {}, {}, {}: {}\n",
-        folder.display(),
+        folder.shown(),
         counted(usage.entries, "result"),
         counted(usage.programs, "build"),
         counted(usage.columns, "large column"),
@@ -156,14 +157,14 @@ fn print_diagnosis(folder: &Path, diagnosis: &Diagnosis, dry_run: bool, json: bo
             (false, true) => "wrong ",
             (false, false) => "stays ",
         };
-        let _ = writeln!(text, "{word}  {}: {what}", path.display());
+        let _ = writeln!(text, "{word}  {}: {what}", path.shown());
     }
     for path in foreign {
-        let _ = writeln!(text, "left    {}: it is not ours", path.display());
+        let _ = writeln!(text, "left    {}: it is not ours", path.shown());
     }
     let mended = faults.iter().filter(|fault| fault.mended).count();
     let wrong = counted(faults.len(), "fault");
     let (files, size) = (counted(*files, "file"), bytes(*size));
-    let _ = writeln!(text, "{}: {files}, {size}: {wrong}, {mended} mended", folder.display());
+    let _ = writeln!(text, "{}: {files}, {size}: {wrong}, {mended} mended", folder.shown());
     print(&text);
 }

@@ -13,6 +13,7 @@ use serde_json::json;
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Check {
@@ -91,7 +92,7 @@ impl Check {
         if path == Path::new("-") {
             return Err("--fix writes files: there is none to write behind `-`".into());
         }
-        let failed = |error| format!("cannot write {}: {error}", path.display());
+        let failed = |error| format!("cannot write {}: {error}", path.shown());
         let (mended, problems) = maquette_edit::fixed(path, &text, catalog, &self.options.all());
         if problems.is_empty() {
             return Ok(text);
@@ -100,7 +101,7 @@ impl Check {
         replace(path, &text, &mended).map_err(failed)?;
         for problem in &problems {
             let Place { line, column } = Place::of(&problem.source.text, problem.span.start);
-            eprint(&format!("fixed {}:{line}:{column}: {}\n", path.display(), problem.message));
+            eprint(&format!("fixed {}:{line}:{column}: {}\n", path.shown(), problem.message));
         }
         Ok(mended)
     }

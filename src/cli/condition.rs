@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use maquette_graph::expression::{Outcome, evaluate, named_parameters};
+use maquette_graph::expression::{Outcome, evaluate_any, named_parameters};
 use maquette_syntax::{Quantity, Unit, unknown};
 
 /// A condition whose names are all known.
@@ -20,7 +20,7 @@ impl<'t> Condition<'t> {
         let wrong = |why: &dyn std::fmt::Display| format!("`{text}`: {why}");
         let is_known = |name: &str| known.contains(&name);
         let Some(places) = named_parameters(text, &is_known) else {
-            let why = evaluate(text, &BTreeMap::new()).err();
+            let why = evaluate_any(text, &BTreeMap::new()).err();
             return Err(wrong(&why.map_or_else(String::new, |why| why.to_string())));
         };
         let mut names = Vec::from_iter(places.into_iter().map(|place| text[place].to_owned()));
@@ -50,7 +50,7 @@ impl<'t> Condition<'t> {
             let quantity = Quantity { value: number(name), unit: Unit::default() };
             (name.clone(), Outcome::Number(quantity))
         };
-        match evaluate(self.text, &self.names.iter().map(value).collect()) {
+        match evaluate_any(self.text, &self.names.iter().map(value).collect()) {
             Ok(Outcome::Truth(truth)) => Ok(truth),
             Ok(Outcome::Number(_)) => Err(format!("`{}` is a number, not a condition", self.text)),
             Err(why) => Err(format!("`{}`: {why}", self.text)),

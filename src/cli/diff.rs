@@ -6,9 +6,11 @@ use clap::Args;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
+use maquette_value::plain;
 use serde_json::json;
 
 use super::{Exit, print, print_json, report};
+use crate::Shown;
 
 /// Graphs that they use are compared, too, where each of them has its own, as two checkouts of a project have.
 ///
@@ -54,7 +56,7 @@ impl Diff {
             }));
         } else {
             if let Some(path) = title {
-                print(&format!("{}\n", path.display()));
+                print(&format!("{}\n", path.shown()));
             }
             let indent = if title.is_some() { "    " } else { "" };
             differences.iter().for_each(|found| print(&format!("{indent}{found}\n")));
@@ -68,8 +70,8 @@ impl Diff {
 fn source(path: &Path) -> Result<Source, String> {
     let text = match path == Path::new("/dev/null") {
         true => Ok("Graph(format: 1)".to_owned()),
-        false => std::fs::read_to_string(path),
+        false => std::fs::read(path).and_then(plain::text_of),
     };
-    let text = text.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    let text = text.map_err(|error| format!("cannot read {}: {error}", path.shown()))?;
     Ok(Source { name: path.to_owned(), text })
 }

@@ -10,6 +10,7 @@ use maquette_graph::{Files, Graph, Options};
 use maquette_value::plain::ending;
 
 use super::{Exit, print_document, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Draw {
@@ -44,7 +45,7 @@ impl Draw {
         };
         match Destination::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
             Ok(()) => Exit::Done,
-            Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
+            Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.shown())),
         }
     }
 }

@@ -11,6 +11,7 @@ use maquette_syntax::error::{Problem, Source};
 use maquette_value::plain;
 
 use super::{Exit, assignment, eprint, print, print_document, report};
+use crate::Shown;
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
 #[derive(Args)]
@@ -232,11 +233,11 @@ impl GraphFile<'_> {
 /// Why a graph file was not edited.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum EditError {
-    #[error("cannot read {}: {}", .0.display(), .1)]
+    #[error("cannot read {}: {}", .0.shown(), .1)]
     Read(PathBuf, std::io::Error),
-    #[error("cannot write {}: {}", .0.display(), .1)]
+    #[error("cannot write {}: {}", .0.shown(), .1)]
     Write(PathBuf, std::io::Error),
-    #[error("{} has been changed meanwhile; load it again", .0.display())]
+    #[error("{} has been changed meanwhile; load it again", .0.shown())]
     Changed(PathBuf),
     /// Somebody else changed the same places, differently.
     #[error("somebody else changed {}, too; the file is left as it is", in_list(.0))]

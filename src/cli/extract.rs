@@ -9,6 +9,7 @@ use maquette_graph::catalog::Catalog;
 
 use super::edit::{EditError, GraphFile};
 use super::{Exit, print, print_document};
+use crate::Shown;
 
 /// Every value stays what it was, and nothing is computed anew. What names the nodes in other files, as a Patch, a test or a pin does,
 /// is left as it is. `inline` puts the nodes back.
@@ -47,7 +48,7 @@ impl Extract {
                 return Exit::Failed;
             }
         };
-        print(&format!("{}: {kind}, used by `{name}`\n", path.display()));
+        print(&format!("{}: {kind}, used by `{name}`\n", path.shown()));
         if self.dry_run {
             let lines = text.lines().map(|line| format!("+{line}\n"));
             print_document(&String::from_iter(lines));

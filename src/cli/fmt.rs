@@ -11,6 +11,7 @@ use maquette_value::plain;
 
 use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Fmt {
@@ -30,7 +31,7 @@ impl Fmt {
         let (files, unread) = given(&self.graphs);
         let mut failed = !unread.is_empty();
         for (path, error) in unread {
-            eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+            eprint(&format!("error: cannot read {}: {error}\n", path.shown()));
         }
         for file in &files {
             failed |= !self.file(file, catalog);
@@ -44,7 +45,7 @@ impl Fmt {
         let text = match read(path) {
             Ok(text) => text,
             Err(error) => {
-                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+                eprint(&format!("error: cannot read {}: {error}\n", path.shown()));
                 return false;
             }
         };
@@ -62,7 +63,7 @@ impl Fmt {
         match (self.check, is_stdin) {
             (true, _) if form == text => true,
             (true, _) => {
-                print(&format!("{}\n", path.display()));
+                print(&format!("{}\n", path.shown()));
                 false
             }
             (false, true) => {
@@ -74,7 +75,7 @@ impl Fmt {
                 match Turn::beside(path).and_then(|_turn| replace(path, &text, &form)) {
                     Ok(()) => true,
                     Err(error) => {
-                        eprint(&format!("error: cannot write {}: {error}\n", path.display()));
+                        eprint(&format!("error: cannot write {}: {error}\n", path.shown()));
                         false
                     }
                 }
@@ -88,7 +89,7 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
     if path != Path::new("-") {
         return plain::read_text(path);
     }
-    let mut text = String::new();
-    std::io::stdin().lock().read_to_string(&mut text)?;
-    Ok(text)
+    let mut bytes = Vec::new();
+    std::io::stdin().lock().read_to_end(&mut bytes)?;
+    plain::text_of(bytes)
 }

@@ -35,6 +35,8 @@ mod rows;
 
 use rows::{RowOptions, Rows};
 
+use crate::Shown;
+
 #[derive(Args)]
 pub(crate) struct Inspect {
     /// The graph file, or a file with a value: a mesh, points, a curve, a range image, a picture.
@@ -194,7 +196,7 @@ impl Inspect {
             return if found.is_empty() { Exit::Failed } else { Exit::Done };
         };
         if !self.json && found.len() > 1 {
-            print(&format!("{node}.{name} goes to {}\n", path.display()));
+            print(&format!("{node}.{name} goes to {}\n", path.shown()));
         }
         let mut sources = Sources::of(&graph);
         inputs.protect(&mut sources);
@@ -211,7 +213,7 @@ impl Inspect {
 
     /// The graph, and what comes into it: of a file that is none one that hands its value on.
     fn checked(&self, catalog: &Catalog) -> Result<(Checked, InputOptions), String> {
-        let file = self.file.display();
+        let file = self.file.shown();
         if self.node.is_some() {
             return Ok((self.options.load(&self.file, catalog), self.inputs.clone()));
         }
@@ -473,7 +475,7 @@ fn is_best_seen(value: &AnyValue) -> bool {
 /// Writes all files, or none if one of them may not be written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
     let failed = |path: &Path, why: &dyn std::fmt::Display| {
-        Exit::Usage(format!("cannot write {}: {why}", path.display()))
+        Exit::Usage(format!("cannot write {}: {why}", path.shown()))
     };
     let files = match files {
         Ok(files) => files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes)),

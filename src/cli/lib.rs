@@ -55,7 +55,7 @@ mod why;
 pub(crate) use condition::Condition;
 pub(crate) use options::{GraphOptions, assignment};
 pub(crate) use output::{
-    Exit, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
+    Exit, Shown, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
     print_document, print_json, program, put_problems, report, shows_color, stdout_is_closed,
 };
 pub(crate) use program::Cli;

@@ -12,6 +12,7 @@ use maquette_syntax::error::Problem;
 use maquette_syntax::unknown;
 
 use super::{Exit, counted, eprint, print, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Lock {
@@ -51,13 +52,13 @@ impl Lock {
             }
         };
         if now.0.is_empty() {
-            print(&format!("{} uses no other graph\n", self.graph.display()));
+            print(&format!("{} uses no other graph\n", self.graph.shown()));
             return Exit::Done;
         }
         match keep(&self.graph, &now) {
             Ok(()) => {
                 let file = lock_beside(&self.graph);
-                print(&format!("{}: {}\n", file.display(), counted(now.0.len(), "graph")));
+                print(&format!("{}: {}\n", file.shown(), counted(now.0.len(), "graph")));
                 Exit::Done
             }
             Err(why) => Exit::Usage(why),
@@ -71,8 +72,8 @@ impl Update {
         let before = match LockFile::of(&self.graph) {
             Ok(Some(lock)) => lock,
             Ok(None) => {
-                let graph = self.graph.display();
-                let file = path.display();
+                let graph = self.graph.shown();
+                let file = path.shown();
                 return Exit::Usage(format!(
                     "there is no {file}: `maquette lock {graph}` writes it"
                 ));
@@ -100,7 +101,7 @@ impl Update {
             is_new = true;
         }
         if !is_new {
-            print(&format!("{} is up to date\n", path.display()));
+            print(&format!("{} is up to date\n", path.shown()));
             return Exit::Done;
         }
         if !self.yes && !is_taken() {
@@ -144,7 +145,7 @@ impl Update {
         let Some(key) = by_name.or_else(|| all.get(name)) else {
             let names = now.names.iter().map(|(name, _)| &name[..]);
             let known = Vec::from_iter(names.chain(all.iter().map(String::as_str)));
-            let message = format!("{} uses no graph `{name}`", self.graph.display());
+            let message = format!("{} uses no graph `{name}`", self.graph.shown());
             return Ok(Err(unknown(message, name, "it uses", &known)));
         };
         let mut wanted = BTreeSet::from([key.clone()]);
@@ -202,14 +203,14 @@ fn used_now(
 
 /// The right to change the lock of a graph.
 fn turn(graph: &Path) -> Result<Turn, String> {
-    let cannot = |error| format!("cannot write {}: {error}", lock_beside(graph).display());
+    let cannot = |error| format!("cannot write {}: {error}", lock_beside(graph).shown());
     Turn::beside(graph).map_err(cannot)
 }
 
 /// Writes the lock of a graph.
 fn keep(graph: &Path, lock: &LockFile) -> Result<(), String> {
     let (path, text) = (lock_beside(graph), lock.to_text(graph));
-    keep_beside(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+    keep_beside(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.shown()))
 }
 
 /// Asks whether what was shown is taken, if there is somebody to ask.

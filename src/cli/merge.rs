@@ -10,6 +10,7 @@ use maquette_syntax::error::Source;
 use maquette_value::plain;
 
 use super::{Exit, eprint, print_document, report};
+use crate::Shown;
 
 /// For git, in the project's `.gitattributes`: `*.ron merge=maquette`; and once for each user:
 /// `git config --global merge.maquette.driver "maquette merge %O %A %B --path %P"`.
@@ -37,12 +38,12 @@ impl Merge {
             let text = match plain::read_text(file) {
                 Ok(text) => text,
                 Err(error) => {
-                    return Exit::Usage(format!("cannot read {}: {error}", file.display()));
+                    return Exit::Usage(format!("cannot read {}: {error}", file.shown()));
                 }
             };
             // git gives files of a moment, whose names say nothing.
             let name = match &self.path {
-                Some(path) => format!("{} ({side})", path.display()).into(),
+                Some(path) => format!("{} ({side})", path.shown()).into(),
                 None => file.clone(),
             };
             texts.push(Source { name, text });
@@ -52,9 +53,9 @@ impl Merge {
         if self.print {
             print_document(&text);
         } else if let Err(error) = rewrite(&self.ours, &text) {
-            return Exit::Usage(format!("cannot write {}: {error}", self.ours.display()));
+            return Exit::Usage(format!("cannot write {}: {error}", self.ours.shown()));
         }
-        let path = path.display();
+        let path = path.shown();
         if by_lines {
             eprint(&format!("{path}: merged line by line, not by what it says\n"));
         }

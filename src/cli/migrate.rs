@@ -13,6 +13,7 @@ use super::edit::changed_lines;
 use super::files::given;
 use super::fmt::read;
 use super::{Exit, counted, eprint, print, print_document, report};
+use crate::Shown;
 
 /// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.
 #[derive(Args)]
@@ -33,7 +34,7 @@ impl Migrate {
         let (files, unread) = given(&self.graphs);
         let (mut failed, mut count) = (!unread.is_empty(), 0);
         for (path, error) in unread {
-            eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+            eprint(&format!("error: cannot read {}: {error}\n", path.shown()));
         }
         for file in &files {
             match self.file(file, catalog) {
@@ -51,7 +52,7 @@ impl Migrate {
     /// Whether a file has something old in it; an error that has been printed.
     fn file(&self, path: &Path, catalog: &Catalog) -> Result<bool, ()> {
         let failed = |what: &str, error: &std::io::Error| {
-            eprint(&format!("error: cannot {what} {}: {error}\n", path.display()));
+            eprint(&format!("error: cannot {what} {}: {error}\n", path.shown()));
         };
         let text = read(path).map_err(|error| failed("read", &error))?;
         let migrated = match first_word(&text) {
@@ -71,11 +72,11 @@ impl Migrate {
                 let turn = Turn::beside(path);
                 let written = turn.and_then(|_turn| replace(path, &text, &migrated));
                 written.map_err(|error| failed("write", &error))?;
-                print(&format!("{}\n", path.display()));
+                print(&format!("{}\n", path.shown()));
             }
-            (false, true) => print(&format!("{}\n", path.display())),
+            (false, true) => print(&format!("{}\n", path.shown())),
             (false, false) => {
-                print(&format!("{}\n", path.display()));
+                print(&format!("{}\n", path.shown()));
                 print_document(&changed_lines(&text, &migrated));
             }
         }

@@ -8,7 +8,7 @@ use maquette_engine::writing::{make_folder, remove_empty, write_new};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, Options};
 use maquette_node::pack::Recipe;
-use maquette_syntax::paths::folder_of_new;
+use maquette_syntax::paths::{MARKER, folder_of_new, project_root};
 use maquette_syntax::{parse, shell, unknown};
 
 use super::{Exit, eprint, print, report};
@@ -19,6 +19,8 @@ mod wants;
 use scans::Scans;
 pub(super) use scans::in_meters;
 use wants::Wants;
+
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct New {
@@ -66,7 +68,7 @@ impl New {
                 return Exit::Failed;
             }
         };
-        let file = path.display();
+        let file = path.shown();
         // Its paths lead through its folder.
         let is_new = !base.exists();
         if let Err(error) = make_folder(&base) {
@@ -93,6 +95,9 @@ impl New {
             print(&format!("  not used: {file}, {what}\n"));
         });
         scans.unread.iter().for_each(|why| eprint(&format!("warning: {why}\n")));
+        if let Some(root) = mark_root(&base) {
+            print(&format!("{}: marks the root of the project\n", root.shown()));
+        }
         print(&format!("`maquette watch {} --open` shows it\n", shell(&file.to_string())));
         Exit::Done
     }
@@ -118,11 +123,20 @@ impl New {
             false => Err(format!(
                 "the recipe `{name}` wants {}, but {} has {}",
                 found.1.in_words(),
-                scans.folder.display(),
+                scans.folder.shown(),
                 scans.in_words()
             )),
         }
     }
+}
+
+/// Marks a folder as the root of a project, unless it is in one.
+fn mark_root(folder: &Path) -> Option<PathBuf> {
+    const TEXT: &str =
+        "# The root of a project: its graphs may read files anywhere under this folder.\n";
+    let is_in_project = project_root(folder).join(MARKER).is_file();
+    let path = folder.join(MARKER);
+    (!is_in_project && write_new(&path, TEXT).is_ok()).then_some(path)
 }
 
 /// The file's own words of what it is for.

@@ -11,6 +11,7 @@ use maquette_syntax::{any_of, inside, nearest, unknown, variants};
 use serde_json::{Value as Json, json};
 
 use super::{Exit, print, print_json, program, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Nodes {
@@ -69,13 +70,13 @@ impl Nodes {
         let wanted = |it: &&Subgraph| self.of_graph.as_ref().is_none_or(|name| it.name == *name);
         let found = Vec::from_iter(subgraphs.iter().filter(wanted).map(Subgraph::description));
         if let (true, Some(name)) = (found.is_empty(), &self.of_graph) {
-            let message = format!("{} uses no graph `{name}`", path.display());
+            let message = format!("{} uses no graph `{name}`", path.shown());
             let known = Vec::from_iter(subgraphs.iter().map(|it| &it.name[..]));
             return Exit::Usage(unknown(message, name, "it uses", &known));
         }
         self.print(&found);
         if found.is_empty() && !self.json && problems.is_empty() {
-            print(&format!("{} uses no other graph\n", path.display()));
+            print(&format!("{} uses no other graph\n", path.shown()));
         }
         let is_error = |problem: &Problem| problem.severity == Severity::Error;
         if problems.iter().any(is_error) { Exit::Failed } else { Exit::Done }

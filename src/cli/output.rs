@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use maquette_engine::session::{Finished, Run, Session, Wanted};
 use maquette_graph::Graph;
 use maquette_syntax::error::{MOST_TOLD, Problem, code};
-use maquette_syntax::telling::{escaped, harmless, in_full};
+use maquette_syntax::telling::{escaped, harmless, in_full, on_one_line};
 
 /// How a command ends.
 pub(crate) enum Exit {
@@ -32,6 +32,18 @@ pub(crate) static NAME: OnceLock<String> = OnceLock::new();
 pub(crate) fn name_in(word: Option<&OsString>) -> String {
     let name = word.and_then(|word| Path::new(word).file_stem());
     name.map_or_else(|| "maquette".into(), |name| name.to_string_lossy().into_owned())
+}
+
+/// What people read of a path.
+pub(crate) trait Shown {
+    /// The path on one line, without characters that a terminal would act on.
+    fn shown(&self) -> String;
+}
+
+impl Shown for Path {
+    fn shown(&self) -> String {
+        on_one_line(&self.to_string_lossy()).into_owned()
+    }
 }
 
 /// Whether writing to stdout has failed.

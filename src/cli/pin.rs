@@ -12,6 +12,7 @@ use maquette_syntax::unknown;
 
 use super::caching::{self, CacheOptions};
 use super::{Exit, eprint, print, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Pin {
@@ -73,7 +74,7 @@ impl Pin {
         match kept {
             Ok(files) => {
                 for (name, file) in names.iter().zip(files) {
-                    print(&format!("pinned {name}  {}\n", file.display()));
+                    print(&format!("pinned {name}  {}\n", file.shown()));
                 }
                 Exit::Done
             }

@@ -19,6 +19,7 @@ use super::inspect::view;
 use super::look::{At, Over, Request, Source, at, place};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Render {
@@ -78,7 +79,7 @@ impl Render {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let picture = self.picture.as_ref().unwrap_or(&self.output);
         if ending(picture) != "png" {
-            return Exit::Usage(format!("{} is no name of a PNG file", picture.display()));
+            return Exit::Usage(format!("{} is no name of a PNG file", picture.shown()));
         }
         let mut sources = Sources::default();
         let made = match &self.picture {
@@ -95,7 +96,7 @@ impl Render {
             .and_then(|bytes| destination.put(picture, &bytes).map_err(|error| error.to_string()))
         {
             Ok(()) => Exit::Done,
-            Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.display())),
+            Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.shown())),
         }
     }
 

@@ -18,6 +18,7 @@ use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
+use crate::Shown;
 
 /// Whether files tell where they came from.
 #[derive(Args, Clone, Default)]
@@ -84,7 +85,7 @@ impl Replay {
     }
 
     fn told(&self) -> Result<Told, String> {
-        let path = self.file.display();
+        let path = self.file.shown();
         let bytes = read_own(&self.file).map_err(|why| format!("cannot read {path}: {why}"))?;
         let found = find(&ending(&self.file), &bytes);
         let found = found.ok_or_else(|| format!("{path} does not tell where it came from"))?;
@@ -184,7 +185,7 @@ impl Replay {
                 "same": same, "sameValue": same_value, "changes": changes, "hash": before, "now": now,
             }));
         } else {
-            let file = self.file.display();
+            let file = self.file.shown();
             let mut text = match (same, same_value) {
                 (true, _) => format!("{file} is made again with the same bytes: {before}\n"),
                 (_, true) => format!("{file} has the same value, but is made of something else:\n"),

@@ -26,6 +26,7 @@ use super::{
     Exit, GraphOptions, column_width, counted, eprint, in_bytes, interrupt, print, print_json,
     put_problems, report,
 };
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Run {
@@ -193,7 +194,7 @@ impl Run {
         }
         for file in written {
             let word = if file.unchanged { "as it was" } else { "wrote    " };
-            let (path, bytes) = (file.path.display(), in_bytes(file.bytes));
+            let (path, bytes) = (file.path.shown(), in_bytes(file.bytes));
             let _ = writeln!(text, "{word} {path}  {bytes}");
         }
         let _ = match traces.len() {

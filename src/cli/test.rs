@@ -23,6 +23,7 @@ use serde_json::json;
 use super::caching::{self, CacheOptions};
 use super::files::{is_beside, without};
 use super::{Exit, counted, eprint, print, print_json, report};
+use crate::Shown;
 
 #[derive(Args)]
 pub(crate) struct Test {
@@ -68,7 +69,7 @@ impl Test {
         let paths = if self.paths.is_empty() { &here[..] } else { &self.paths };
         for path in without(paths, is_beside) {
             if !path.exists() {
-                return Exit::Usage(format!("there is no file or folder {}", path.display()));
+                return Exit::Usage(format!("there is no file or folder {}", path.shown()));
             }
             if path.is_file() && !path.to_string_lossy().ends_with(case::ENDING) {
                 let tests = case::tests_of(path);
@@ -137,7 +138,7 @@ impl Test {
             None => Ok(()),
             Some(path) => destination
                 .put(path, make().as_bytes())
-                .map_err(|error| format!("cannot write {}: {error}", path.display())),
+                .map_err(|error| format!("cannot write {}: {error}", path.shown())),
         };
         write(&self.report, &|| html::page(report))?;
         write(&self.junit, &|| junit::document(report))
@@ -162,7 +163,7 @@ impl Test {
         let mut count = Count::default();
         for case in cases {
             let done = self.accept_case(case, &mut count);
-            done.map_err(|error| format!("cannot write {}: {error}", case.folder.display()))?;
+            done.map_err(|error| format!("cannot write {}: {error}", case.folder.shown()))?;
             if count.quit {
                 break;
             }
@@ -171,7 +172,7 @@ impl Test {
             let gone = self.bless && remove(orphan).is_ok();
             count.refused += usize::from(!gone);
             let word = if gone { "removed " } else { "orphan  " };
-            print(&format!("{word}  {}\n", orphan.display()));
+            print(&format!("{word}  {}\n", orphan.shown()));
         }
         print(&format!("{} blessed\n", counted(count.accepted, "golden")));
         let errors = |case: &&Case| {
@@ -215,7 +216,7 @@ impl Test {
             }
             why.iter().for_each(|why| print(&format!("          because {why}\n")));
         }
-        let orphans = case.orphans.iter().map(|path| format!("{} goes", path.display()));
+        let orphans = case.orphans.iter().map(|path| format!("{} goes", path.shown()));
         let rest: Vec<String> = case.warnings.iter().cloned().chain(orphans).collect();
         if all && (rest.is_empty() || self.asks(count, case, "the rest", &rest, &why)) {
             case.bless_rest()?;
@@ -268,8 +269,8 @@ fn no_test(graph: &Path) -> String {
     let test = graph.with_extension("test.ron");
     format!(
         "no test file beside or above {} tests it: write `Test(graph: \"{name}\")` to {}",
-        graph.display(),
-        test.display()
+        graph.shown(),
+        test.shown()
     )
 }
 
@@ -429,7 +430,7 @@ fn show(result: &Report) {
                 let _ = writeln!(text, "          {warning}");
             }
             for orphan in &case.orphans {
-                let _ = writeln!(text, "          {} belongs to no output", orphan.display());
+                let _ = writeln!(text, "          {} belongs to no output", orphan.shown());
             }
             for node in case.changed_nodes() {
                 let _ = writeln!(text, "          {node}");
@@ -440,7 +441,7 @@ fn show(result: &Report) {
         }
     }
     for orphan in &result.orphans {
-        let _ = writeln!(text, "failed    {} belongs to no test", orphan.display());
+        let _ = writeln!(text, "failed    {} belongs to no test", orphan.shown());
     }
     let passed = result.count(|case| case.state == State::Passed);
     let skipped = result.count(|case| matches!(case.state, State::Skipped(_)));

@@ -42,6 +42,8 @@ use session::Session;
 use view::{Lines, Program, Terminal, View, WithPage};
 use worker::{News, Wishes, Worker};
 
+use crate::Shown;
+
 #[derive(Args)]
 pub(crate) struct Watch {
     /// The graph file.
@@ -185,7 +187,7 @@ impl Watch {
         for file in list.files() {
             let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
             let missing = if file.path.exists() { "" } else { " (not there)" };
-            print(&format!("{}{missing}  {}\n", path.display(), file.why));
+            print(&format!("{}{missing}  {}\n", path.shown(), file.why));
         }
         Exit::Done
     }

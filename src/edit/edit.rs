@@ -1,5 +1,6 @@
 //! Edits of a graph's text, and how they are judged.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +10,9 @@ use maquette_graph::load::load_text;
 use maquette_graph::migrate::{ready_for, renewed_target, renewed_text};
 use maquette_graph::{Checked, Files, Options, Refusal, apply, patch, place, written};
 use maquette_syntax::error::{Problem, Severity, Source, code};
-use maquette_syntax::{Kind, parse, quoted, syntax_problems};
+use maquette_syntax::{
+    Kind, Token, commas_behind, parse, quoted, syntax_problems, tokens, with_commas_behind,
+};
 use serde::Deserialize;
 
 use super::structure::Structure;
@@ -146,7 +149,38 @@ pub fn edit(
         return Err(twice.into_iter().map(|finding| finding.at(&source)).collect());
     }
     let judge = Judge { path, catalog, options };
-    judge.edited(text, edits)
+    if matches!(commas_behind(text), Cow::Borrowed(_)) {
+        return judge.edited(text, edits);
+    }
+    // Names and values that are replaced leave commas alone.
+    let is_put = |edit: &Edit| matches!(edit, Edit::Rename { .. } | Edit::Set { .. });
+    if edits.iter().all(is_put)
+        && let Ok(edited) = judge.edited(text, edits)
+        && commas(&edited.text) == commas(text)
+    {
+        return Ok(edited);
+    }
+    Edited::with_commas_behind(text, |text| judge.edited(text, edits))
+}
+
+fn commas(text: &str) -> usize {
+    tokens(text).iter().filter(|(token, _)| *token == Token::Comma).count()
+}
+
+impl Edited {
+    /// Runs an edit on a text with its commas behind values, and moves them back to the beginnings of lines.
+    pub(super) fn with_commas_behind(
+        text: &str,
+        edit: impl FnOnce(&str) -> Result<Self, Vec<Problem>>,
+    ) -> Result<Self, Vec<Problem>> {
+        let mut changes = Vec::new();
+        let new = with_commas_behind(text, |text| {
+            let edited = edit(text)?;
+            changes = edited.changes;
+            Ok::<_, Vec<Problem>>(edited.text)
+        })?;
+        Ok(Self { text: new, before: text.to_owned(), changes })
+    }
 }
 
 /// The text of the graph file at `path` with values put into it: (`name` or `node.field.field`, RON) each.

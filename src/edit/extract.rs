@@ -76,14 +76,27 @@ pub fn extract(
 ) -> Result<Extracted, Vec<Problem>> {
     // What is set stands in no text.
     let options = &Options { set: Vec::new(), ..options.clone() };
-    let judge = Judge { path, catalog, options };
+    let mut extracted = None;
+    let edited = Edited::with_commas_behind(text, |text| {
+        let done = extracted_from(&Judge { path, catalog, options }, text, extraction)?;
+        Ok(extracted.insert(done).edited.clone())
+    })?;
+    extracted.map(|extracted| Extracted { edited, ..extracted }).ok_or_else(Vec::new)
+}
+
+fn extracted_from(
+    judge: &Judge<'_>,
+    text: &str,
+    extraction: &Extraction,
+) -> Result<Extracted, Vec<Problem>> {
+    let &Judge { path, catalog, options } = judge;
     let (known, before) = judge.sound(text)?;
     let refused = |refused| judge.refuse(text, refused);
     let set = chosen(&known, &extraction.nodes).map_err(refused)?;
     between(&known, &set).map_err(refused)?;
     let border = Border::of(&known, &set).map_err(refused)?;
-    let names = New::of(&judge, &known, &set, extraction).map_err(refused)?;
-    let work = Work { judge: &judge, known: &known, set: &set, border: &border, new: &names };
+    let names = New::of(judge, &known, &set, extraction).map_err(refused)?;
+    let work = Work { judge, known: &known, set: &set, border: &border, new: &names };
     let (new, file) = work.done().map_err(refused)?;
     let file = formatted(&names.path, &file)?;
     let file = match Ends::of(text) {

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use maquette_syntax::error::{Problem, Severity, Source, Span, code};
-use maquette_syntax::{Ends, Token, parse, syntax_problems, tokens};
+use maquette_syntax::{Ends, Token, commas_behind, parse, syntax_problems, tokens};
 
 /// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
 /// one line; at 120 every fifth of the long ones would become a block of five to ten lines.
@@ -40,7 +40,7 @@ pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
         Some(Ends::Windows) => text.replace("\r\n", "\n"),
         _ => text.to_owned(),
     };
-    let form = Printer::default().file(&Parts::new(&plain).file());
+    let form = Printer::default().file(&Parts::new(&commas_behind(&plain)).file());
     if inventory(&plain) == inventory(&form) {
         return Ok(ends.unwrap_or(Ends::Unix).put(form));
     }

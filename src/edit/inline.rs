@@ -15,11 +15,13 @@ use maquette_graph::{
 };
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::{folder_of_new, without_dots};
-use maquette_syntax::{Field, Kind, Tree, nearest_or_all, quoted, with_article};
+use maquette_syntax::{
+    Field, Kind, Tree, commas_behind, nearest_or_all, parse, quoted, with_article,
+};
 
 use super::moved::{
-    Given, Known, Sides, free_name, gap_behind, indented_entries, part_with, put_in_place,
-    put_values, refusal,
+    Given, Known, Sides, expression, free_name, gap_behind, indented_entries, part_with,
+    put_in_place, put_values, refusal,
 };
 use super::{Edit, Edited, Judge};
 
@@ -43,6 +45,11 @@ pub fn inline(
     // What is set stands in no text.
     let options = &Options { set: Vec::new(), ..options.clone() };
     let judge = Judge { path, catalog, options };
+    Edited::with_commas_behind(text, |text| inlined(&judge, text, node))
+}
+
+fn inlined(judge: &Judge<'_>, text: &str, node: &str) -> Result<Edited, Vec<Problem>> {
+    let &Judge { path, catalog, .. } = judge;
     let (known, before) = judge.sound(text)?;
     let refused = |refused| judge.refuse(text, refused);
     let name = node.strip_prefix("nodes.").unwrap_or(node);
@@ -52,7 +59,8 @@ pub fn inline(
     inside.roots.extend(known.roots.iter().cloned());
     let inner = Judge { path: &file, catalog, options: &inside };
     let edits = ready(&known, at, graph);
-    let own = inner.done(&graph.sheet.source.text, &edits, std::iter::empty())?.text;
+    let own =
+        inner.done(&commas_behind(&graph.sheet.source.text), &edits, std::iter::empty())?.text;
     let inner_known = Known::read(&file, &own, catalog, &inside)?;
     let work = Work::of(&known, at, &inner_known, path, &file);
     let named = Judge { path: &graph.sheet.source.name, ..inner };
@@ -299,7 +307,27 @@ impl<'a> Work<'a> {
             };
             Some((name.to_owned(), value))
         });
-        declared.collect()
+        let values = declared.collect();
+        self.derived(values)
+    }
+
+    /// The same, with what computed defaults say here.
+    fn derived(&self, mut values: BTreeMap<String, Given>) -> BTreeMap<String, Given> {
+        let there = self.known.names("params").map(str::to_owned).collect();
+        for name in self.inner.definition().derived_parameters() {
+            let Some(Given::Value { text, .. }) = values.get(name) else { continue };
+            let default = parse(text).0;
+            let call = |word: &str| default.call_of(word).and_then(Tree::text);
+            let value = match (call("Param"), call("Expr")) {
+                (Some(other), _) => values.get(other).cloned(),
+                (None, Some(text)) => expression(text, &values, &there).ok().map(Given::Expression),
+                (None, None) => None,
+            };
+            if let Some(value) = value {
+                values.insert(name.to_owned(), value);
+            }
+        }
+        values
     }
 
     /// The edits that expect here what the used graph expects.

@@ -5,13 +5,15 @@
 //! side gets it everywhere first.
 
 use std::collections::BTreeSet;
+use std::convert::Infallible;
 use std::path::Path;
 
 use maquette_graph::catalog::Catalog;
 use maquette_graph::diff::Change;
+use maquette_graph::tree::entries;
 use maquette_graph::{Difference, Files, Graph, Options};
 use maquette_syntax::error::{Problem, Severity, Source};
-use maquette_syntax::{Ends, Tree, parse, syntax_problems};
+use maquette_syntax::{Ends, Tree, commas_behind, parse, syntax_problems, with_commas_behind};
 
 use super::minimal::cuts;
 use super::renamed_in;
@@ -65,14 +67,21 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
     };
     let texts = texts.map(own);
     let texts = texts.each_ref().map(|text| &text[..]);
+    let behind = texts.map(commas_behind);
+    let behind = behind.each_ref().map(|text| &text[..]);
     let mut mistakes = Vec::new();
     for source in [ours, theirs] {
         mistakes.extend(syntax_problems(&source.name, &source.text, parse(&source.text).1));
     }
-    let mut merged = match named.by_meaning(texts) {
-        Some(merged) if mistakes.is_empty() => merged,
+    let mut merged = match named.by_meaning(behind) {
+        Ok(merged) if mistakes.is_empty() => merged,
+        Err(problems) if mistakes.is_empty() => by_lines(texts, problems),
         _ => by_lines(texts, mistakes),
     };
+    if !merged.by_lines && merged.conflicts.is_empty() {
+        let text = with_commas_behind(texts[1], |_| Ok::<_, Infallible>(merged.text));
+        merged.text = text.unwrap_or_else(|never| match never {});
+    }
     if let Some(ends) = ends {
         merged.text = ends.put(merged.text);
     }
@@ -80,6 +89,38 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
         merged.problems = named.new_problems(&merged.text, [ours, theirs].map(|it| &it.text[..]));
     }
     merged
+}
+
+/// Three texts in which what was renamed has one name.
+struct SameNames {
+    texts: [String; 3],
+    renamed_twice: Vec<RenamedTwice>,
+    /// Entries under a name that one side gave to another entry, and the other side to a new one: `nodes.red`.
+    taken: BTreeSet<String>,
+}
+
+/// Names that one side gives to what it renames, and the other side to something else.
+fn taken_names(
+    [base, ours, theirs]: [&str; 3],
+    by_us: &[Renamed],
+    by_them: &[Renamed],
+) -> BTreeSet<String> {
+    let has = |text: &str, section: &str, name: &str| {
+        let (tree, _) = parse(text);
+        let fields = tree.fields().unwrap_or_default();
+        // Nodes and inputs share their names.
+        let sections: &[_] = if section == "params" { &["params"] } else { &["nodes", "inputs"] };
+        sections.iter().any(|section| entries(fields, section).any(|(known, _)| known == name))
+    };
+    let mut taken = BTreeSet::new();
+    for (renamed, others, other) in [(by_us, by_them, theirs), (by_them, by_us, ours)] {
+        for it @ (section, _, new) in renamed {
+            if !others.contains(it) && !has(base, section, new) && has(other, section, new) {
+                taken.insert(format!("{section}.{new}"));
+            }
+        }
+    }
+    taken
 }
 
 /// Where texts of a graph belong, and what their words mean.
@@ -90,14 +131,18 @@ struct Named<'a> {
 }
 
 impl Named<'_> {
-    /// The texts as one by what they say; none if one of them cannot be read. The result is not checked yet.
-    fn by_meaning(self, texts: [&str; 3]) -> Option<Merge> {
+    /// The texts as one by what they say. The result is not checked yet.
+    ///
+    /// # Errors
+    /// One of them cannot be read, or comments cannot be put where they belong, with the problems that are known by then.
+    fn by_meaning(self, texts: [&str; 3]) -> Result<Merge, Vec<Problem>> {
         if texts.iter().any(|text| !parse(text).1.is_empty()) {
-            return None;
+            return Err(Vec::new());
         }
-        let (same, twice) = self.same_names(texts).ok()?;
+        let SameNames { texts: same, renamed_twice: twice, taken } =
+            self.same_names(texts).map_err(|_| Vec::new())?;
         let texts = same.each_ref().map(|text| &text[..]);
-        let (mut text, mut conflicts) = self.put_together(texts, &twice, &BTreeSet::new());
+        let (mut text, mut conflicts) = self.put_together(texts, &twice, &taken);
         let mut problems = Vec::new();
         if conflicts.is_empty() {
             let trees = texts.map(|text| parse(text).0);
@@ -108,9 +153,9 @@ impl Named<'_> {
             }
         }
         if is_amiss(texts, &text, !conflicts.is_empty()) {
-            return Some(by_lines(texts, problems));
+            return Err(problems);
         }
-        Some(Merge { text, conflicts, problems, by_lines: false })
+        Ok(Merge { text, conflicts, problems, by_lines: false })
     }
 
     /// The texts, which have the same names, as one, and where both do not agree. Some entries are kept apart in any case.
@@ -148,14 +193,15 @@ impl Named<'_> {
         cuts.into_iter().map(|cut| cut.start).collect()
     }
 
-    /// The three texts with the new names of what one of both has renamed, and what both have, differently.
-    fn same_names(
-        self,
-        texts: [&str; 3],
-    ) -> Result<([String; 3], Vec<RenamedTwice>), Vec<Problem>> {
+    /// Gives what one side has renamed its new name in all texts.
+    fn same_names(self, texts: [&str; 3]) -> Result<SameNames, Vec<Problem>> {
         let [mut base, mut ours, mut theirs] = texts.map(str::to_owned);
-        let (by_us, by_them) = (self.renamed(&base, &ours)?, self.renamed(&base, &theirs)?);
+        let (mut by_us, mut by_them) = (self.renamed(&base, &ours)?, self.renamed(&base, &theirs)?);
         let mut twice = Vec::new();
+        let taken = taken_names(texts, &by_us, &by_them);
+        let is_free = |(section, _, new): &Renamed| !taken.contains(&format!("{section}.{new}"));
+        by_us.retain(is_free);
+        by_them.retain(is_free);
         for (section, old, new) in &by_them {
             let other = by_us.iter().find(|other| other.0 == *section && other.1 == *old);
             let known = other.map_or(old, |(_, _, name)| name);
@@ -174,7 +220,7 @@ impl Named<'_> {
                 theirs = self.with_name(theirs, section, old, new);
             }
         }
-        Ok(([base, ours, theirs], twice))
+        Ok(SameNames { texts: [base, ours, theirs], renamed_twice: twice, taken })
     }
 
     /// What has another name in the new text.
@@ -197,7 +243,7 @@ impl Named<'_> {
     /// The text with another name of something in it; as it is if it has no such thing, or has the new name already.
     fn with_name(self, text: String, section: &str, old: &str, new: &str) -> String {
         let (tree, _) = parse(&text);
-        let mut known = maquette_graph::tree::entries(tree.fields().unwrap_or_default(), section);
+        let mut known = entries(tree.fields().unwrap_or_default(), section);
         if known.any(|(name, _)| name == new) {
             return text;
         }

@@ -17,7 +17,7 @@ use maquette_graph::{Files, Options, Refusal};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::{parse, syntax_problems};
 pub(super) use same::Sides;
-pub(super) use values::{Given, put_values};
+pub(super) use values::{Given, expression, put_values};
 
 use super::Judge;
 

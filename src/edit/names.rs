@@ -360,14 +360,15 @@ impl Search<'_> {
                 self.declare(key, known.symbol(sort, name));
             }
         }
+        let params = HashSet::<&str>::from_iter(known.own.params.iter().map(String::as_str));
         for Reference { span, text, kind, .. } in references.all() {
             let named = match kind {
                 Names::Link => known.link(text),
                 Names::Output => vec![(0..text.len(), known.symbol(Output, text))],
                 Names::Parameter => vec![(0..text.len(), known.symbol(Parameter, text))],
                 Names::Expression => {
-                    let is_known = |name: &str| known.own.params.iter().any(|known| known == name);
-                    let places = named_parameters(text, &is_known).unwrap_or_default();
+                    let places = named_parameters(text, &|name| params.contains(name));
+                    let places = places.unwrap_or_default();
                     let named = |place: Range<usize>| {
                         let symbol = known.symbol(Parameter, &text[place.clone()]);
                         (place, symbol)

@@ -100,6 +100,9 @@ impl References {
                 }
             }
         }
+        for (name, declared) in entries(fields, "params") {
+            search.parameters(name, declared);
+        }
         let outputs = HashSet::<&str>::from_iter(entries(fields, "outputs").map(|(name, _)| name));
         for (name, value) in entries(fields, "outputs") {
             search.put(value, Names::Link, format!("output `{name}`"));
@@ -152,12 +155,37 @@ impl Search<'_> {
         self.found.entry(span).or_insert(Reference { span, text, kind, by });
     }
 
-    /// What is named in a part of a node. With `guess`, each text that may be a link is one.
-    fn node(&mut self, name: &str, tree: &Tree, guess: bool) {
+    /// The parameters that are named in a value; true if it is one `Param` or `Expr`.
+    fn is_computed(&mut self, name: &str, tree: &Tree) -> bool {
         for (call, kind) in [("Param", Names::Parameter), ("Expr", Names::Expression)] {
             if let Some(argument) = tree.call_of(call) {
-                return self.put(argument, kind, format!("`{name}`"));
+                self.put(argument, kind, format!("`{name}`"));
+                return true;
             }
+        }
+        false
+    }
+
+    /// The parameters that are named in the declaration of one.
+    fn parameters(&mut self, name: &str, tree: &Tree) {
+        if self.is_computed(name, tree) {
+            return;
+        }
+        match &tree.kind {
+            Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+                items.iter().for_each(|item| self.parameters(name, item));
+            }
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                fields.iter().for_each(|field| self.parameters(name, &field.value));
+            }
+            _ => {}
+        }
+    }
+
+    /// What is named in a part of a node. With `guess`, each text that may be a link is one.
+    fn node(&mut self, name: &str, tree: &Tree, guess: bool) {
+        if self.is_computed(name, tree) {
+            return;
         }
         let mut all = |trees: &[Tree]| trees.iter().for_each(|tree| self.node(name, tree, guess));
         match &tree.kind {

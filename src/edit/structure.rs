@@ -215,6 +215,14 @@ impl<'j> Structure<'j> {
         Ok(splices)
     }
 
+    /// The names of the parameters.
+    fn parameters(&self) -> BTreeSet<&str> {
+        match self.section("params").map(|params| &params.kind) {
+            Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
+            _ => BTreeSet::new(),
+        }
+    }
+
     /// Where an expression names a parameter that gets another name.
     fn in_expression(
         &self,
@@ -222,10 +230,7 @@ impl<'j> Structure<'j> {
         from: &str,
         to: &str,
     ) -> Result<Vec<Range<usize>>, Refusal> {
-        let known = match self.section("params").map(|params| &params.kind) {
-            Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
-            _ => BTreeSet::new(),
-        };
+        let known = self.parameters();
         let text = &expression.text;
         let old = named_parameters(text, &|name| known.contains(name)).unwrap_or_default();
         let mut places = old.clone();
@@ -260,13 +265,18 @@ impl<'j> Structure<'j> {
     fn remove(&self, given: &str, and_links: bool) -> Result<Vec<Splice>, Vec<Refusal>> {
         let Declared { section, map, index, name, .. } = self.declared(given).map_err(one)?;
         let own = parts(map)[index];
+        let parameters = self.parameters();
+        let is_named = |expression: &str| {
+            let places = named_parameters(expression, &|word| parameters.contains(word));
+            places.into_iter().flatten().any(|place| &expression[place] == name)
+        };
         let is_user = |found: &&Reference| {
             let is_inside = own.start <= found.span.start && found.span.end <= own.end;
             !is_inside
                 && match found.kind {
                     Names::Link => section != "params" && named_node(&found.text) == name,
                     Names::Parameter => section == "params" && found.text == name,
-                    Names::Expression => section == "params" && self.names(&found.text, name),
+                    Names::Expression => section == "params" && is_named(&found.text),
                     Names::Output => false,
                 }
         };
@@ -296,16 +306,6 @@ impl<'j> Structure<'j> {
         }
         refusals.extend(self.let_lists_go(&mut gone));
         if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
-    }
-
-    /// Whether an expression names a parameter.
-    fn names(&self, expression: &str, name: &str) -> bool {
-        let known = |word: &str| match self.section("params").map(|params| &params.kind) {
-            Some(Kind::Map(entries)) => entries.iter().any(|(key, _)| key.text() == Some(word)),
-            _ => false,
-        };
-        let places = named_parameters(expression, &known).unwrap_or_default();
-        places.into_iter().any(|place| &expression[place] == name)
     }
 
     /// Lets what names something go along with it.

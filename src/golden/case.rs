@@ -9,7 +9,7 @@ use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::paths::{MARKER, PathProblem, may_read, project_root};
 use maquette_syntax::{
-    Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree, twice,
+    Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, one_file_twice, parse, read_tree, twice,
 };
 use maquette_value::plain;
 use maquette_value::{Meaning, Part, ValueType};
@@ -428,7 +428,8 @@ fn duplicates(tree: &Tree) -> Vec<Finding> {
     };
     let of_cases = cases.iter().flat_map(of_case);
     let compared = twice(&entries(tree, "compare"), "output");
-    twice(&cases, "case").into_iter().chain(of_cases).chain(compared).collect()
+    let one_file = one_file_twice(&cases, "cases");
+    twice(&cases, "case").into_iter().chain(one_file).chain(of_cases).chain(compared).collect()
 }
 
 /// The graphs that a name with at most one `*` in its last part stands for, sorted; where one lies out of the project, or there is

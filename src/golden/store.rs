@@ -13,7 +13,9 @@ use maquette_engine::six::six;
 use maquette_format::png;
 use maquette_node::pack::NewFile;
 use maquette_render::{View, render};
+use maquette_syntax::{CONFLICT, conflict_line};
 use maquette_value::parallel::*;
+use maquette_value::plain;
 use maquette_value::{
     AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
     Surface,
@@ -188,8 +190,7 @@ pub enum NoGolden {
 
 /// The golden of this name in a folder.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
-    let file =
-        |suffix: &str| maquette_value::plain::read(&folder.join(format!("{name}{suffix}"))).ok();
+    let file = |suffix: &str| plain::read(&folder.join(format!("{name}{suffix}"))).ok();
     let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
     // Which of both is wrong cannot be told.
     let unlike = |suffix: &str| {
@@ -197,7 +198,12 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
     };
     let gone = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is gone"));
     let text = file(".txt").ok_or(NoGolden::Missing)?;
-    let text = String::from_utf8(text).map_err(|_| damaged(".txt"))?;
+    let text = plain::text_of(text);
+    let text = text.map_err(|error| NoGolden::Damaged(format!("{name}.txt: {error}")))?;
+    if let Some(line) = conflict_line(&text) {
+        let message = format!("{name}.txt, line {line}: {CONFLICT}");
+        return Err(NoGolden::Damaged(message));
+    }
     let line = |line: &str| {
         let (label, text) = line.split_once("  ").unwrap_or((line, ""));
         (label.to_owned(), text.trim().to_owned())

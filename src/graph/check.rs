@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use maquette_syntax::error::{MOST_TOLD, Span, Use};
+use maquette_syntax::error::{MOST_TOLD, Span, Use, code};
 use maquette_syntax::{Finding, Help, Sheet};
 
 use crate::world::World;
@@ -21,12 +21,15 @@ pub struct Check<'w, 'a> {
     pub(super) missing_packs: Vec<String>,
     /// What stands as a name and cannot be one, of which nothing more is said.
     pub(super) misnamed: HashSet<String>,
+    /// Of a text with syntax errors, the parts that may say something else than was meant.
+    pub(super) doubtful: Option<Vec<Span>>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
     pub fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
         let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
-        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed }
+        let doubtful = None;
+        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed, doubtful }
     }
 
     /// Whether the file is that of the graph itself, and not of one that it uses.
@@ -42,6 +45,18 @@ impl<'w, 'a> Check<'w, 'a> {
         help: impl Into<Help>,
     ) {
         self.findings.push(Finding { code, span, message, help: help.into(), note: None });
+    }
+
+    /// Reports a name that stands in the way of another one, which is noted.
+    pub(super) fn find_beside(
+        &mut self,
+        span: Span,
+        message: String,
+        help: &str,
+        note: (Span, String),
+    ) {
+        let (code, help, note) = (code::BAD_NAME, help.into(), Some(note));
+        self.findings.push(Finding { code, span, message, help, note });
     }
 
     /// What may have been meant, as long as problems are few enough to be told: a guess looks at all that there is.

@@ -28,6 +28,8 @@ pub struct Declaration {
     pub(crate) default: Tree,
     /// Of a default that is a `Draft`, the values for final results and for drafts.
     pub(super) sides: Option<[Tree; 2]>,
+    /// Whether its default is computed from other parameters.
+    pub(super) derives: bool,
     min: Option<f64>,
     max: Option<f64>,
     choices: Vec<String>,
@@ -69,6 +71,7 @@ impl Declaration {
             kind,
             default: Tree::new(tree.span, Kind::Broken),
             sides: None,
+            derives: false,
             min: None,
             max: None,
             choices: Vec::new(),
@@ -170,6 +173,10 @@ impl Declaration {
             return None;
         }
         is_whole.then_some(declaration)
+    }
+
+    pub(super) fn with_default(&self, default: Tree) -> Self {
+        Self { default, ..self.clone() }
     }
 
     pub(super) fn unit(&self) -> Option<&str> {
@@ -296,6 +303,9 @@ impl Declaration {
         }
         if let Some(default) = as_json(&self.default) {
             schema["default"] = default;
+        }
+        if self.derives {
+            schema["derives"] = true.into();
         }
         if let Some([last, first]) = &self.sides {
             schema["draft"] = json!({ "final": as_json(last), "draft": as_json(first) });

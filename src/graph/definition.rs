@@ -55,6 +55,11 @@ impl Definition {
     pub fn is_patched(&self) -> bool {
         !self.sheet.parts.is_empty()
     }
+
+    /// The parameters whose defaults are computed from others, each behind all that it is computed from.
+    pub fn derived_parameters(&self) -> Vec<&str> {
+        self.defaults.derived().map(|(name, _)| name).collect()
+    }
 }
 
 /// An output of a graph that others use.

@@ -450,8 +450,12 @@ impl<'a> Expansion<'_, 'a> {
         let name = one.name.clone().unwrap_or_else(|| draft.name.text.clone());
         let uses = scope.uses.iter().cloned().chain([Use { name, source, span }]).collect();
         let name = one.name(draft, scope);
-        let values = (!given.is_empty()).then(|| graph.defaults.with(given));
-        let inside = Scope { prefix: format!("{name}/"), uses, inputs, values };
+        let mut inside = Scope { prefix: format!("{name}/"), uses, inputs, values: None };
+        if !given.is_empty() {
+            let values = self
+                .checked(graph, &inside, |check| graph.defaults.with(given, &mut check.findings));
+            inside.values = Some(values);
+        }
         let first = self.nodes.len();
         let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
         self.guard(graph, &inside, first);

@@ -66,6 +66,17 @@ pub fn in_own_unit(
     if is_draft(tree) {
         return each_side(tree, |side| in_own_unit(side, name, unit, findings));
     }
+    own_value(tree, None, name, unit, findings)
+}
+
+/// The same, with every `Param` and `Expr` in it replaced by its value if there are parameters.
+pub(super) fn own_value(
+    tree: &Tree,
+    parameters: Option<&Parameters>,
+    name: &str,
+    unit: Option<&str>,
+    findings: &mut Vec<Finding>,
+) -> Tree {
     let number = json!({ "type": "number" });
     let schema = match &tree.kind {
         Kind::Call { name, body: Body::Items(items) } if name.is_none() || 1 < items.len() => {
@@ -76,7 +87,7 @@ pub fn in_own_unit(
     };
     let unit = unit.map(str::to_owned);
     let expected = Expected { unit, ..Expected::of_node(name, &schema) };
-    Fitting { parameters: None, owner: None, findings }.value(tree, Some(expected))
+    Fitting { parameters, owner: None, findings }.value(tree, Some(expected))
 }
 
 /// The declaration of a parameter with all of its numbers in its unit.

@@ -1,11 +1,12 @@
 //! Which values from outside may shape an output: those that are named by what it hangs on, `Switch`es included.
 
-use maquette_syntax::{Body, Kind, Tree, parse};
+use std::collections::HashMap;
+
+use maquette_syntax::parse;
 
 use super::Options;
-use super::expression::named_parameters;
 use super::needs::Needs;
-use super::parameters::Parameters;
+use super::parameters::{Parameters, names_in};
 use crate::definition::{Draft, Repeat};
 use crate::flat::Lineage;
 
@@ -25,11 +26,21 @@ impl Lineage {
         }
         let needed = needs.of([draft]);
         let needed = || drafts.iter().zip(&needed).filter(|(_, needed)| **needed);
+        let places: HashMap<&str, usize> = names.iter().copied().zip(0..).collect();
         let mut is_named = vec![false; names.len()];
         for (draft, _) in needed() {
-            named(&draft.tree, &names, &mut is_named);
             let numbers = draft.repeat.iter().flat_map(Repeat::numbers);
-            numbers.for_each(|number| named(number, &names, &mut is_named));
+            for value in numbers.chain([&draft.tree]) {
+                let found = names_in(value, &|name| places.contains_key(name));
+                let found = found.iter().filter_map(|name| places.get(&name[..]));
+                found.for_each(|&place| is_named[place] = true);
+            }
+        }
+        for (name, from) in declared.derived().rev() {
+            if places.get(name).is_some_and(|&place| is_named[place]) {
+                let from = from.iter().filter_map(|name| places.get(&name[..]));
+                from.for_each(|&place| is_named[place] = true);
+            }
         }
         let is_of = |target: &str| {
             let of = |name: &str| target.strip_prefix(name).is_some_and(|it| it.starts_with('.'));
@@ -47,33 +58,6 @@ impl Lineage {
                 .collect(),
             set: set.map(|(target, value)| (target.clone(), plain(value).into())).collect(),
         }
-    }
-}
-
-/// Marks the parameters that are named in a value.
-fn named(tree: &Tree, names: &[&str], is_named: &mut [bool]) {
-    let mut mark = |found: &str| {
-        if let Some(index) = names.iter().position(|name| *name == found) {
-            is_named[index] = true;
-        }
-    };
-    if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
-        return mark(name);
-    }
-    if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
-        let found = named_parameters(text, &|name| names.contains(&name));
-        return found.into_iter().flatten().for_each(|at| mark(&text[at]));
-    }
-    let mut inside = |tree: &Tree| named(tree, names, is_named);
-    match &tree.kind {
-        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-            items.iter().for_each(inside);
-        }
-        Kind::Map(entries) => entries.iter().for_each(|(_, value)| inside(value)),
-        Kind::Call { body: Body::Fields(fields), .. } => {
-            fields.iter().for_each(|field| inside(&field.value));
-        }
-        _ => {}
     }
 }
 

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use maquette_syntax::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{Finding, Help, Sheet, Tree};
+use maquette_value::plain::NoText;
 use serde_json::{Map, json};
 
 use crate::catalog::Catalog;
@@ -42,8 +43,12 @@ pub(crate) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked
 }
 
 pub(crate) fn unread(what: &str, error: &std::io::Error) -> Finding {
+    let no_text = error.get_ref().and_then(|error| error.downcast_ref::<NoText>());
+    let help = no_text.map_or("", NoText::help);
+    let error = error.to_string();
+    let error = error.strip_suffix(&format!("; {help}")).unwrap_or(&error);
     let message = format!("cannot read {what}: {error}");
-    let (code, span, help) = (code::MISSING_FILE, Span::default(), Help::default());
+    let (code, span, help) = (code::MISSING_FILE, Span::default(), Help::from(help));
     Finding { code, span, message, help, note: None }
 }
 
@@ -248,10 +253,14 @@ impl GraphText {
 }
 
 impl Check<'_, '_> {
+    /// None if the text has syntax errors: then the rest of it is checked, but nothing is made of it.
     fn read(&mut self) -> Option<Whole> {
         let tree = Arc::new(self.tree()?);
         let top = self.top_level(&tree)?;
-        Some(self.graph(&top, &tree))
+        let whole = self.graph(&top, &tree);
+        let Some(doubtful) = self.doubtful.take() else { return Some(whole) };
+        self.leave_out_doubts(&doubtful);
+        None
     }
 
     fn graph(&mut self, top: &TopLevel<'_>, tree: &Arc<Tree>) -> Whole {
@@ -268,7 +277,8 @@ impl Check<'_, '_> {
         let options = self.world.options;
         let set: &[_] = if self.is_first() { &options.set } else { &[] };
         let draft = options.draft;
-        let (declared, defaults) = Parameters::read(&parameters, set, draft, &mut self.findings);
+        let (declared, defaults) =
+            Parameters::read(&parameters, set, draft, &self.sheet, &mut self.findings);
         described
             .extend(declared.iter().map(|declared| (declared.name.clone(), declared.schema())));
         let nodes = self.named(top.nodes, "node", entries);

@@ -333,8 +333,11 @@ impl Reading<'_> {
         sorted(kept.collect())
     }
 
-    /// What a field means that is left out.
+    /// What a field means that is left out; broken if other fields decide it.
     fn default(&self, schema: &Json, root: &Json) -> Tree {
+        if schema.get("derives").is_some() {
+            return bare(Kind::Broken);
+        }
         let written = |default: &Json| match default {
             // A graph's own choices may be in lower case.
             Json::String(word) if schema.get("enum").is_some() => bare(Kind::Word(word.clone())),

@@ -10,6 +10,7 @@ use maquette_node::pack::{Migration, NewValue};
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::{
     Body, Field, Finding, Help, Kind, Name, Tree, parse, quoted, syntax_problems,
+    with_commas_behind,
 };
 
 use super::patch::patched_tree;
@@ -345,23 +346,12 @@ impl Graph {
     /// # Errors
     /// The mistakes in the text, if it is no RON.
     pub fn migrated(path: &Path, text: &str, catalog: &Catalog) -> Result<String, Vec<Problem>> {
-        let (tree, mistakes) = parse(text);
+        let (_, mistakes) = parse(text);
         if !mistakes.is_empty() {
             return Err(syntax_problems(path, text, mistakes));
         }
-        let mut migrated = text.to_owned();
-        if tree.name().is_some_and(|name| name.text == "Patch") {
-            let options = Options { files: Files::Ignored, ..Options::default() };
-            let graph = patched_tree(path, text.to_owned(), catalog, &options);
-            migrated = apply(text, of_patch(&tree, &graph, text, catalog));
-        }
-        for _ in 0..MOST_STEPS {
-            let splices = next_steps(&migrated, catalog);
-            if splices.is_empty() {
-                break;
-            }
-            migrated = apply(&migrated, splices);
-        }
+        let migrated =
+            with_commas_behind(text, |text| Ok::<_, Vec<Problem>>(all_steps(path, text, catalog)))?;
         let source = |text: &str| Source { name: path.to_owned(), text: text.to_owned() };
         let differences = Self::differences(&source(text), &source(&migrated), catalog)?;
         let Some(difference) = differences.first() else { return Ok(migrated) };
@@ -372,6 +362,25 @@ impl Graph {
             Finding { code: code::PANIC, span: Span::default(), message, help, note: None };
         Err(vec![finding.at(&source)])
     }
+}
+
+/// The text after all steps.
+fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
+    let (tree, _) = parse(text);
+    let mut migrated = text.to_owned();
+    if tree.name().is_some_and(|name| name.text == "Patch") {
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let graph = patched_tree(path, text.to_owned(), catalog, &options);
+        migrated = apply(text, of_patch(&tree, &graph, text, catalog));
+    }
+    for _ in 0..MOST_STEPS {
+        let splices = next_steps(&migrated, catalog);
+        if splices.is_empty() {
+            break;
+        }
+        migrated = apply(&migrated, splices);
+    }
+    migrated
 }
 
 /// The edits of the next step of each call in a text.

@@ -1,11 +1,12 @@
 //! What a graph gives: files, each in a format that its value has, or values for who uses it.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::paths::stays_inside;
+use maquette_syntax::spelling::{file_key, one_file};
 use maquette_syntax::{Tree, with_article};
 use maquette_value::ValueType;
 use maquette_value::plain::ending;
@@ -27,7 +28,7 @@ impl Check<'_, '_> {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
         let mut undecided = Vec::new();
         // As paths: `a/./b.ply` is `a//b.ply`.
-        let mut taken: HashSet<&Path> = HashSet::new();
+        let mut taken: HashMap<String, (&str, Span)> = HashMap::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
                 let message = format!("the name of an output is a text, not {}", key.in_words());
@@ -44,13 +45,20 @@ impl Check<'_, '_> {
                 );
                 continue;
             }
-            if taken.contains(Path::new(name)) {
-                self.find(
-                    code::BAD_NAME,
-                    key.span,
-                    format!("there is already an output `{name}`"),
-                    "",
-                );
+            if name.contains(char::is_control) {
+                let message = format!("output `{name}` has a control character in its name");
+                self.find(code::BAD_NAME, key.span, message, "write a name of one line");
+                continue;
+            }
+            if let Some(&(first, at)) = taken.get(&file_key(name)) {
+                if Path::new(first) == Path::new(name) {
+                    let message = format!("there is already an output `{name}`");
+                    self.find(code::BAD_NAME, key.span, message, "");
+                } else {
+                    let message = one_file("outputs", first, name);
+                    let help = "give one of them another name";
+                    self.find_beside(key.span, message, help, (at, "the first one".to_owned()));
+                }
                 continue;
             }
             let Some(targets) = self.output_link(name, value, drafts, names) else { continue };
@@ -65,7 +73,7 @@ impl Check<'_, '_> {
                 self.no_format(name, &ending, kind, key.span);
                 continue;
             };
-            taken.insert(Path::new(name));
+            taken.insert(file_key(name), (name, key.span));
             let (source, span) = self.sheet.place(key.span);
             let list = if kind.is_some() { &mut outputs } else { &mut undecided };
             let (name, lineage) = (name.to_owned(), Arc::default());

@@ -1,6 +1,6 @@
 //! A graph's own parameters, and how their values stand in for `Param` and `Expr`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -13,8 +13,13 @@ use maquette_syntax::{
 
 use super::declaration::Declaration;
 use super::expression::{ExpressionError, Outcome, evaluate, named_parameters};
-use super::fitting::in_own_unit;
-use super::quality::{chosen, is_draft};
+use super::fitting::{in_own_unit, own_value};
+use super::quality::{chosen, has_draft};
+
+mod order;
+
+use order::Order;
+pub(crate) use order::names_in;
 
 /// The values of a graph's parameters.
 #[derive(Clone, Debug, Default)]
@@ -25,6 +30,8 @@ pub(crate) struct Parameters {
     draft: bool,
     /// The known units of those that have one, and where these are declared.
     units: BTreeMap<String, (Unit, Span)>,
+    /// Those whose defaults are computed from others, each behind all that it is computed from.
+    derived: Arc<[Declaration]>,
 }
 
 /// What a `Param` or `Expr` gives, or a number that is written with its unit.
@@ -43,51 +50,90 @@ impl Parameters {
         entries: &[(&Tree, &Tree)],
         set: &[(String, String)],
         draft: bool,
+        sheet: &Sheet,
         findings: &mut Vec<Finding>,
     ) -> (Vec<Declaration>, Self) {
         let mut parameters = Self { draft, ..Self::default() };
         let mut declarations = Vec::with_capacity(entries.len());
         for (key, declaration) in entries {
             let Some(name) = key.text() else { continue };
-            let declared = Declaration::read(name, declaration, findings);
-            let Some(mut declared) = declared else {
-                parameters.put(name, Tree::new(declaration.span, Kind::Broken));
+            parameters.put(name, Tree::new(declaration.span, Kind::Broken));
+            let Some(mut declared) = Declaration::read(name, declaration, findings) else {
                 continue;
             };
             if let Some((_, text)) = set.iter().rev().find(|(target, _)| target == name) {
                 let given = read_set(text, &format!("{name}={text}"), declaration.span);
                 declared.default = in_own_unit(&given, name, declared.unit(), findings);
             }
-            let default = declared.default.clone();
-            let mut other_value = None;
-            if is_draft(&default) {
-                // The other value must fit, too; what is wrong with both is told below.
-                let other = chosen(&default, !draft, &mut Vec::new());
-                declared.default = of_side(other, &default);
-                other_value = Some(declared.value(findings));
-            }
-            declared.default = of_side(chosen(&default, draft, findings), &default);
-            declared.default = declared.value(findings);
-            declared.sides = other_value.map(|other| {
-                let own = declared.default.clone();
-                if draft { [other, own] } else { [own, other] }
-            });
             let unit = declared.unit().and_then(Unit::read);
             let unit = unit.map(|unit| (name.to_owned(), (unit, declared.unit_span)));
             parameters.units.extend(unit);
-            parameters.put(name, declared.default.clone());
             declarations.push(declared);
         }
+        let order = Order::of(&declarations, sheet, findings);
+        let is_derived = |declared: &&Declaration| is_parametric(&declared.default);
+        let derived = order.all.iter().map(|&at| &declarations[at]);
+        parameters.derived = derived.filter(is_derived).cloned().collect();
+        let mut others = Self { draft: !draft, ..parameters.clone() };
+        let has_sides = declarations.iter().any(|declared| has_draft(&declared.default));
+        // What is wrong with the other side is reported if it is not wrong with this one.
+        let (mut known, mut other_findings) = (Vec::new(), Vec::new());
+        for &at in &order.all {
+            let declared = &mut declarations[at];
+            let own = parameters.value(declared, &mut known);
+            if has_sides {
+                let other = others.value(declared, &mut other_findings);
+                others.put(&declared.name, other.clone());
+                let sides = if draft { [other, own.clone()] } else { [own.clone(), other] };
+                declared.sides = Some(sides).filter(|_| has_draft(&declared.default));
+            }
+            parameters.put(&declared.name, own.clone());
+            declared.derives = is_parametric(&declared.default);
+            declared.default = own;
+        }
+        other_findings.retain(|finding| !known.contains(finding));
+        findings.append(&mut known);
+        findings.append(&mut other_findings);
         (declarations, parameters)
     }
 
+    /// The value that a parameter has by its default, which may be computed from others.
+    fn value(&self, declared: &Declaration, findings: &mut Vec<Finding>) -> Tree {
+        let default = &declared.default;
+        let mut value = of_side(chosen(default, self.draft, findings), default);
+        if is_parametric(&value) {
+            let (name, unit, origin) = (&declared.name, declared.unit(), value.origin.clone());
+            value = own_value(&value, Some(self), name, unit, findings);
+            value.origin = origin;
+        }
+        declared.with_default(value).value(findings)
+    }
+
     /// The same parameters with the values that a use gives to some of them.
-    pub(crate) fn with(&self, given: impl IntoIterator<Item = (String, Tree)>) -> Self {
+    pub(crate) fn with(
+        &self,
+        given: impl IntoIterator<Item = (String, Tree)>,
+        findings: &mut Vec<Finding>,
+    ) -> Self {
         let mut parameters = self.clone();
+        let mut names = BTreeSet::new();
         for (name, value) in given {
             parameters.put(&name, value);
+            names.insert(name);
+        }
+        for declared in self.derived.iter().filter(|declared| !names.contains(&declared.name)) {
+            let value = parameters.value(declared, findings);
+            parameters.put(&declared.name, value);
         }
         parameters
+    }
+
+    /// The parameters whose defaults are computed, each behind all that it is computed from, with the names in its default.
+    pub(crate) fn derived(&self) -> impl DoubleEndedIterator<Item = (&str, Vec<String>)> {
+        let is_known = |name: &str| self.values.contains_key(name);
+        self.derived
+            .iter()
+            .map(move |declared| (&declared.name[..], names_in(&declared.default, &is_known)))
     }
 
     fn put(&mut self, name: &str, value: Tree) {
@@ -116,6 +162,10 @@ impl Parameters {
 
     pub(crate) fn names(&self) -> Vec<&str> {
         self.values.keys().map(String::as_str).collect()
+    }
+
+    fn is_broken(&self, name: &str) -> bool {
+        self.values.get(name).is_some_and(Tree::is_broken)
     }
 
     fn unit(&self, name: &str) -> Unit {
@@ -178,7 +228,9 @@ impl Parameters {
             }
             Ok(Outcome::Truth(truth)) => (Kind::Bool(truth), Unit::default()),
             // A parameter without a value has been reported where it is declared.
-            Err(_) if self.values.values().any(Tree::is_broken) => (Kind::Broken, Unit::default()),
+            Err(error) if error.unknown().is_some_and(|name| self.is_broken(name)) => {
+                (Kind::Broken, Unit::default())
+            }
             Err(error) if error.unknown().is_some_and(|name| self.values.contains_key(name)) => {
                 return Err(self.no_number(
                     call,

@@ -10,7 +10,8 @@ use std::sync::Arc;
 
 use maquette_syntax::error::{Source, Span, code};
 use maquette_syntax::{
-    Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, fields_twice, nearest_or_all, twice,
+    Body, Field, Finding, Kind, Mistake, Recovered, Sheet, TextPart, Tree, fields_twice,
+    names_in_doubt, nearest_or_all, overlaps, recovered, twice,
 };
 
 use super::check::Check;
@@ -57,13 +58,41 @@ impl Check<'_, '_> {
         self.whole_tree(tree, mistakes)
     }
 
-    /// The tree, if there are no mistakes in its text.
+    /// The tree, if there are no mistakes in its text; of a graph, what can be read of it all the same.
     fn whole_tree(&mut self, tree: Tree, mistakes: Vec<Mistake>) -> Option<Tree> {
-        let is_whole = mistakes.is_empty();
+        if mistakes.is_empty() {
+            return Some(tree);
+        }
+        let is_graph = |it: &Recovered| it.tree.name().is_some_and(|name| name.text == "Graph");
+        let found = recovered(&self.sheet.source.text, &mistakes).filter(is_graph);
+        let (mistakes, tree) = match found {
+            Some(Recovered { tree, mistakes, doubtful, .. }) => {
+                self.doubtful = Some(doubtful);
+                (mistakes, Some(tree))
+            }
+            None => (mistakes, None),
+        };
         for mistake in mistakes {
             self.find(code::SYNTAX, mistake.span, mistake.message, mistake.help);
         }
-        is_whole.then_some(tree)
+        tree
+    }
+
+    /// Leaves out what is reported only because a part of the text cannot be read: what is in such a part, and names that seem to lack.
+    pub(super) fn leave_out_doubts(&mut self, doubtful: &[Span]) {
+        let source = self.sheet.source.clone();
+        let names = names_in_doubt(&source.text, doubtful);
+        let is_doubtful = |finding: &Finding| match finding.code {
+            code::SYNTAX => false,
+            _ if doubtful.iter().any(|part| overlaps(*part, finding.span)) => true,
+            code::UNKNOWN_LINK | code::UNKNOWN_NODE | code::EXPRESSION | code::MISSING_FIELD => {
+                let quoted = finding.message.split('`').skip(1).step_by(2);
+                let names_of = |part: &str| part.split(['.', '/']).any(|name| names.contains(name));
+                quoted.into_iter().any(names_of)
+            }
+            _ => false,
+        };
+        self.findings.retain(|finding| !is_doubtful(finding));
     }
 
     /// The text of the graph that a patch makes; none if something in the patch or in the other graph's text is wrong.

@@ -18,8 +18,8 @@ use maquette_engine::session::Session;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options};
 use maquette_syntax::error::in_words;
-use maquette_syntax::first_word;
 use maquette_syntax::paths::{MARKER, project_root};
+use maquette_syntax::{Passed, each_word, first_word};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value as Json, json};
@@ -368,9 +368,27 @@ impl Server {
     }
 }
 
-/// Whether a text is a graph, a patch, a test or a sweep in a project of graphs.
+/// Returns true if a text is a graph, a patch, a test or a sweep. Without a project around it, it must have a field of these, since
+/// others write RON, too.
 pub fn is_ours(path: &Path, text: &str) -> bool {
-    is_in_project(path) && matches!(first_word(text), "Graph" | "Patch" | "Test" | "Sweep")
+    let fields: &[&str] = match first_word(text) {
+        "Graph" => &["format", "nodes", "outputs"],
+        "Patch" => &["of"],
+        "Test" | "Sweep" => &["graph"],
+        _ => return false,
+    };
+    is_in_project(path) || is_ron(path) && has_field(text, fields)
+}
+
+/// Returns true if one of these words is a field of the call that a text holds.
+fn has_field(text: &str, fields: &[&str]) -> bool {
+    let mut found = false;
+    each_word(text, |frames, passed| {
+        if let Passed::Name(name) = passed {
+            found |= frames.len() == 1 && fields.contains(&&name.text[..]);
+        }
+    });
+    found
 }
 
 /// Whether nothing has been written yet that could tell.
@@ -381,8 +399,11 @@ pub fn is_new(path: &Path, text: &str) -> bool {
 }
 
 pub fn is_in_project(path: &Path) -> bool {
-    let is_ron = path.extension().is_some_and(|ending| ending == "ron");
-    is_ron && path.parent().is_some_and(|folder| project_root(folder).join(MARKER).is_file())
+    is_ron(path) && path.parent().is_some_and(|folder| project_root(folder).join(MARKER).is_file())
+}
+
+fn is_ron(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "ron")
 }
 
 /// What a request says.

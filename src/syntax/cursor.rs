@@ -150,7 +150,7 @@ const MAX_RECOVERIES: usize = 16;
 
 /// The tokens of a text that is being written. A string without an end reaches to the next quote, which begins another string: it is cut at the
 /// end of its line, and what follows is read anew.
-fn recovered_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
+pub(super) fn recovered_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
     let mut tokens = Vec::new();
     let (mut start, mut recoveries) = (0, 0);
     while start < text.len() {

@@ -21,6 +21,9 @@ pub struct Mistake {
     pub help: Help,
 }
 
+/// What is said of a text without an end.
+pub(super) const NO_END: &str = "this text has an unknown escape or no end";
+
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
 /// deep than the stack of a thread.
 pub const DEEPEST: usize = 128;

@@ -3,6 +3,16 @@
 use super::file::{Mistake, raw_tokens};
 use crate::error::Span;
 
+/// What is said of a file with the marks.
+pub const CONFLICT: &str = "this file has the conflict marks of a merge";
+
+/// The number of the first line, from 1, that begins with the mark of a conflict, in a text that is not RON.
+pub fn conflict_line(text: &str) -> Option<usize> {
+    let has_end = text.lines().any(|line| line.starts_with(">>>>>>> "));
+    let place = text.lines().position(|line| line.starts_with("<<<<<<< "));
+    place.filter(|_| has_end).map(|place| place + 1)
+}
+
 /// The first line of the marks in a text, if there are any that stand in no text or comment of it.
 pub(super) fn conflict_marks(text: &str) -> Option<Mistake> {
     const MARKS: [&str; 4] = ["<<<<<<<", "|||||||", "=======", ">>>>>>>"];
@@ -19,7 +29,7 @@ pub(super) fn conflict_marks(text: &str) -> Option<Mistake> {
     })?;
     Some(Mistake {
         span: *first,
-        message: "this file has the conflict marks of a merge".into(),
+        message: CONFLICT.into(),
         help: "keep one side of each conflict, or what is right of both, and take the lines of the marks away".into(),
     })
 }

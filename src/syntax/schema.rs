@@ -20,6 +20,8 @@ use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::{any_of, with_article};
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
 
+mod rules;
+
 /// A link that a port holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundLink {
@@ -219,11 +221,15 @@ impl Walk<'_> {
             } else {
                 let message = format!("{owner} has no field `{}`", name.text);
                 let names = || Vec::from_iter(properties.keys().map(String::as_str));
-                let help = self.guess(|| nearest_or_all(&name.text, "its fields", &names()));
+                let port = self.port_for(&name.text, schema);
+                let help = port.unwrap_or_else(|| {
+                    self.guess(|| nearest_or_all(&name.text, "its fields", &names()))
+                });
                 meant.extend(help.meant().map(str::to_owned));
                 self.find(code::UNKNOWN_FIELD, &at_name, message, help);
             }
         }
+        self.ascending(fields, schema, owner);
         for name in required {
             // What is there under a name that is nearly right does not lack.
             if given.contains(name) || meant.contains(name) {
@@ -353,6 +359,11 @@ impl Walk<'_> {
     fn array(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let items = schema.get("items").filter(|items| items.get("port").is_some());
         if let Some(items) = items.filter(|_| schema.get("minItems").is_none()) {
+            let is_empty = matches!(&tree.kind, Kind::List(items) if items.is_empty());
+            if is_empty && schema.get("least").is_some() {
+                let message = format!("port `{field}` of {} wants at least one link", self.node);
+                return self.find(code::MISSING_FIELD, tree, message, "write `[\"node\"]`");
+            }
             return self.links(tree, items, field);
         }
         let fixed = schema.get("prefixItems").and_then(Json::as_array);
@@ -378,6 +389,7 @@ impl Walk<'_> {
             let message = format!("field `{field}` of {} wants {wanted}, not {count}", self.node);
             return self.find(code::WRONG_VALUE, tree, message, "");
         }
+        self.vector(tree, items, schema, field);
         for (index, item) in items.iter().enumerate() {
             let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
             if let Some(schema) = schema {
@@ -420,6 +432,10 @@ impl Walk<'_> {
             );
             let help = schema.get("limit").and_then(Json::as_str).unwrap_or_default();
             self.find(code::OUT_OF_RANGE, tree, message, help);
+        } else if let Some(wanted) = Self::odd_number(value, schema) {
+            let message =
+                format!("field `{field}` of {} is {value}, but must be {wanted}", self.node);
+            self.find(code::OUT_OF_RANGE, tree, message, "");
         }
     }
 

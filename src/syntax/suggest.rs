@@ -3,6 +3,7 @@
 use std::cell::Cell;
 
 use super::Help;
+use super::spelling::{difference, look_alike};
 
 /// A list of names in a message goes no further.
 const MOST_LISTED: usize = 30;
@@ -16,7 +17,8 @@ thread_local! {
 ///
 /// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
 /// that goes on where the given one, of four letters at least, ends. It is an answer, not only a guess, if no other name is as near, and if
-/// more than a single letter has been meant.
+/// more than a single letter has been meant. A known name that is the given one is never an answer, and of one that only looks like it,
+/// the words say how it is spelled.
 pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
     let name = given.to_lowercase();
     let length = name.chars().count();
@@ -24,6 +26,13 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
     let (mut near, mut longer, mut is_only) = (None, None, false);
     for known in known {
         LOOKS.set(LOOKS.get() + 1);
+        if known == given {
+            continue;
+        }
+        if look_alike(given, known) {
+            let words = format!("write `{known}` {}", difference(given, known));
+            return Help::rename(words, given, known);
+        }
         let lower = known.to_lowercase();
         let known_length = lower.chars().count();
         if length.abs_diff(known_length) <= limit {
@@ -57,6 +66,7 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
 
 /// The same; if nothing is near, a list of what there is.
 pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
+    let known = Vec::from_iter(known.iter().copied().filter(|known| *known != name));
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
         _ if known.is_empty() => Help::default(),
@@ -102,6 +112,17 @@ mod tests {
         assert_eq!(meant("dool", &["dog", "doll"]), Some("doll".into()));
         assert_eq!(meant("b", &["a"]), None, "nothing of it is the same");
         assert_eq!(meant("trian", &["Triangulate"]), None, "others may begin like that");
+    }
+
+    #[test]
+    fn a_suggestion_is_another_name_and_looks_like_one() {
+        assert_eq!(nearest("levels", ["levels", "level"]).to_string(), "did you mean `level`?");
+        assert_eq!(nearest("levels", ["levels"]).to_string(), "");
+        assert_eq!(nearest_or_all("levels", "fields", &["levels"]).to_string(), "");
+        assert_eq!(nearest_or_all("levels", "fields", &["levels", "x"]).to_string(), "fields: x");
+        let help = nearest("lev\u{200b}els", ["scheme", "levels"]);
+        assert_eq!(help.to_string(), "write `levels` without U+200B");
+        assert_eq!(help.meant(), Some("levels"));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::error::{Place, Problem, Severity, Span};
 mod words;
 
 use words::harmless_in_place;
-pub use words::{escaped, harmless};
+pub use words::{escaped, harmless, on_one_line};
 
 impl Problem {
     /// The problem as the command line prints it: over several lines, with the place in the graph's text, and with colors of a terminal if
@@ -30,9 +30,9 @@ fn snippet(problem: &Problem) -> Group<'_> {
         Severity::Error => Level::ERROR,
         Severity::Warning => Level::WARNING,
     };
-    let group = level.primary_title(harmless(&problem.message)).id(problem.code);
+    let group = level.primary_title(on_one_line(&problem.message)).id(problem.code);
     let text = &problem.source.text;
-    let path = harmless(&problem.source.name.to_string_lossy()).into_owned();
+    let path = on_one_line(&problem.source.name.to_string_lossy()).into_owned();
     let group = if problem.span == Span::default() || text.is_empty() {
         group.element(Origin::path(path))
     } else if let Some(shown) = shown_lines(text, &[problem.span]) {
@@ -51,8 +51,9 @@ fn snippet(problem: &Problem) -> Group<'_> {
             part(shown).annotation(AnnotationKind::Primary.span(inside(problem.span, shown)));
         let mut other = None;
         if let Some((span, words)) = label {
-            let context =
-                |shown| AnnotationKind::Context.span(inside(*span, shown)).label(harmless(words));
+            let context = |shown| {
+                AnnotationKind::Context.span(inside(*span, shown)).label(on_one_line(words))
+            };
             match (both, shown_lines(text, &[*span])) {
                 (Some(shown), _) => snippet = snippet.annotation(context(shown)),
                 // Too far away for one picture.
@@ -71,11 +72,11 @@ fn snippet(problem: &Problem) -> Group<'_> {
     };
     let group = match &problem.help[..] {
         "" => group,
-        help => group.element(Level::HELP.message(harmless(help))),
+        help => group.element(Level::HELP.message(on_one_line(help))),
     };
     let uses = problem.uses.iter().rev();
     let uses = uses.map(|at| format!("used by `{}` at {}", at.name, at.place()));
-    group.elements(uses.map(|text| Level::NOTE.message(harmless(&text).into_owned())))
+    group.elements(uses.map(|text| Level::NOTE.message(on_one_line(&text).into_owned())))
 }
 
 /// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.

@@ -2,7 +2,7 @@
 
 use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken};
 
-use super::file::{Mistake, span};
+use super::file::{Mistake, NO_END, span};
 use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::Span;
 
@@ -158,11 +158,7 @@ impl TreeReader {
             },
             SyntaxKind::String => match unescape(text) {
                 Some(text) => Kind::Text(text),
-                None => self.mistake(
-                    at,
-                    "this text has an unknown escape or no end",
-                    r#"known escapes: \" \\ \n \r \t \0 \u{..}"#,
-                ),
+                None => self.mistake(at, NO_END, r#"known escapes: \" \\ \n \r \t \0 \u{..}"#),
             },
             SyntaxKind::RawString => match raw(text) {
                 Some(text) => Kind::Text(text.to_owned()),

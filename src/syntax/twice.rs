@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::schema::Finding;
+use super::spelling::{file_key, one_file};
 use super::tree::{Field, Tree};
 use crate::error::{Span, code};
 
@@ -11,7 +12,24 @@ pub fn twice(entries: &[(Tree, Tree)], what: &str) -> Vec<Finding> {
     told(entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span))), what)
 }
 
-/// The same for fields.
+/// An error for each key of a map that is one file with another one on macOS or Windows; `what` they name, for messages.
+pub fn one_file_twice(entries: &[(Tree, Tree)], what: &str) -> Vec<Finding> {
+    let mut seen: BTreeMap<String, (&str, Span)> = BTreeMap::new();
+    let names = entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span)));
+    let again = names.filter_map(|(name, span)| {
+        let (first, first_span) = *seen.entry(file_key(name)).or_insert((name, span));
+        (first != name).then(|| Finding {
+            code: code::BAD_NAME,
+            span,
+            message: one_file(what, first, name),
+            help: "give one of them another name".into(),
+            note: Some((first_span, "the first one".into())),
+        })
+    });
+    again.collect()
+}
+
+/// An error for each field that was given before.
 pub fn fields_twice(fields: &[Field]) -> Vec<Finding> {
     told(fields.iter().map(|field| (&field.name.text[..], field.name.span)), "field")
 }

@@ -106,6 +106,10 @@ impl Unit {
         Self(std::array::from_fn(|place| self.0[place].saturating_add(other.0[place])))
     }
 
+    pub fn to_power(self, exponent: i32) -> Self {
+        Self(self.0.map(|own| own.saturating_mul(exponent)))
+    }
+
     fn inverse(self) -> Self {
         Self(self.0.map(|exponent| -exponent))
     }

@@ -10,16 +10,67 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path)
 }
 
-/// The same as text.
+/// The content as text.
+///
+/// # Errors
+/// [`NoText`] for what is no UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    is_plain(&fs::metadata(path)?)?;
-    fs::read_to_string(path)
+    text_of(read(path)?)
 }
 
 /// The text of a file that is no link either.
 pub fn read_own_text(path: &Path) -> Result<String> {
-    is_plain(&fs::symlink_metadata(path)?)?;
-    fs::read_to_string(path)
+    text_of(read_own(path)?)
+}
+
+/// The text that some bytes are.
+///
+/// # Errors
+/// [`NoText`] for what is no UTF-8.
+pub fn text_of(bytes: Vec<u8>) -> Result<String> {
+    let wide = [&b"\xff\xfe"[..], b"\xfe\xff"].iter().any(|mark| bytes.starts_with(mark));
+    // Without a mark, every other byte of Latin letters is 0.
+    let is_wide = wide || matches!(bytes[..], [0, other, ..] | [other, 0, ..] if other != 0);
+    let found = |bytes: &[u8], at: usize| match bytes[at] {
+        _ if is_wide => "UTF-16".to_owned(),
+        0 => "the byte 0".to_owned(),
+        byte => format!("the byte 0x{byte:02X}"),
+    };
+    let no_text = |bytes: &[u8], at: usize| {
+        let at = if is_wide { 0 } else { at };
+        let line_start =
+            bytes[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
+        let line = bytes[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
+        let column = String::from_utf8_lossy(&bytes[line_start..at]).chars().count() + 1;
+        Error::new(ErrorKind::InvalidData, NoText { line, column, found: found(bytes, at) })
+    };
+    if let Some(at) = bytes.iter().position(|&byte| byte == 0) {
+        let at = std::str::from_utf8(&bytes[..at]).map_or_else(|error| error.valid_up_to(), |_| at);
+        return Err(no_text(&bytes, at));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        no_text(error.as_bytes(), at)
+    })
+}
+
+/// A place in a file where there is no UTF-8 text.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}, column {column}: expected text in UTF-8, found {found}; {}", self.help())]
+pub struct NoText {
+    line: usize,
+    column: usize,
+    found: String,
+}
+
+impl NoText {
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match &self.found[..] {
+            "the byte 0" => "restore the file: it is damaged",
+            _ => "save the file as UTF-8",
+        }
+    }
 }
 
 /// The content of a file that is no link either.
@@ -63,5 +114,33 @@ pub fn without_mark(bytes: &[u8]) -> &[u8] {
     match bytes.strip_prefix(b"\xef\xbb\xbf") {
         Some(text) if text.iter().take(84).all(is_text) => text,
         _ => bytes,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_text_is_told_with_its_place() {
+        let check = |bytes: &[u8], expected: &str| {
+            let found = text_of(bytes.to_vec()).map_err(|error| error.to_string());
+            assert_eq!(found.unwrap_or_else(|error| error), expected);
+        };
+        let wide = "line 1, column 1: expected text in UTF-8, found UTF-16; save the file as UTF-8";
+        check(b"a\xc3\xa4b\n", "a\u{e4}b\n");
+        check(b"\xef\xbb\xbfa", "\u{feff}a");
+        check(b"", "");
+        check(
+            b"a\n\xc3\xa4\xe4b",
+            "line 2, column 2: expected text in UTF-8, found the byte 0xE4; save the file as UTF-8",
+        );
+        check(b"\xff\xfeG\0", wide);
+        check(b"\xfe\xff\0G", wide);
+        check(b"G\0r\0", wide);
+        check(
+            b"a\n\nb\0",
+            "line 3, column 2: expected text in UTF-8, found the byte 0; restore the file: it is damaged",
+        );
     }
 }

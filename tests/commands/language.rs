@@ -10,5 +10,6 @@ mod pins;
 mod promises;
 mod provenance;
 mod tables;
+mod texts;
 mod unknown;
 mod versions;

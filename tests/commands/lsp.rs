@@ -553,3 +553,21 @@ fn sweeps_are_checked_and_completed_and_said_nothing_of_what_graphs_have() {
     let actions = json!({ "textDocument": { "uri": uri(&path) }, "range": { "start": position(cut, 0), "end": position(cut, 0) }, "context": { "diagnostics": [] } });
     assert_eq!(editor.ask("textDocument/codeAction", actions), json!([]));
 }
+
+#[test]
+fn a_folder_without_a_project_is_served_too() {
+    let place = Place::new(&[]);
+    std::fs::remove_file(place.path("maquette.toml")).unwrap();
+    let mut editor = place.editor();
+    let path = place.path("a.ron");
+    let graph = "Graph(format: 1, nodes: { \"a\": ReadMsh(path: \"a.obj\") }, outputs: {})";
+    editor.open(&path, graph);
+    let told = editor.diagnostics(&path);
+    assert!(told.iter().any(|it| it["code"] == "G003"), "{told:?}");
+    // Others have words of the same name in their own files.
+    let other = place.path("b.ron");
+    editor.open(&other, "Graph(vertices: 3, edges: [(0, 1)])");
+    editor.change(&path, graph);
+    editor.diagnostics(&path);
+    assert_eq!(editor.told.get(&uri(&other)), None);
+}

@@ -56,12 +56,14 @@ fn a_capture_is_a_range_image_with_the_picture_that_belongs_to_it() {
   scan.color: "rgb.png"
   not used: scans/mug.obj, Mesh
   not used: scans/mask.png, Image
+scans/maquette.toml: marks the root of the project
 `maquette watch scans/scans.ron --open` shows it
 "#;
     assert_eq!(told, expected);
     let text = std::fs::read_to_string(folder.path().join("scans/scans.ron")).unwrap();
     assert!(text.contains(r#"ReadCapture(color: "rgb.png", range: "scan 1.pcd")"#), "{text}");
     assert!(folder.path().join("out/model.glb").is_file());
+    assert!(folder.path().join("scans/maquette.toml").is_file());
     // What is written by hand since is not lost.
     let again = maquette(folder.path(), &["new", "scans"]);
     assert_eq!(again.status.code(), Some(2));
@@ -75,6 +77,7 @@ fn a_capture_is_a_range_image_with_the_picture_that_belongs_to_it() {
     assert!(other.status.success(), "{}", self::told(&other));
     let text = std::fs::read_to_string(folder.path().join("graphs/a.ron")).unwrap();
     assert!(text.contains(r#"range: "../scans/scan 1.pcd""#), "{text}");
+    assert!(!folder.path().join("graphs/maquette.toml").exists(), "it is in a project");
 }
 
 #[test]

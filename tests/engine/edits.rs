@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use expect_test::{Expect, expect};
 use maquette::{Catalog, Difference, Edit, Edited, Graph, Options, Problem, Source};
 
+mod commas;
 mod extract;
 mod inline;
 mod law;

@@ -15,6 +15,7 @@ use crate::graph_files::problems;
 
 mod both_ends;
 mod chains;
+mod derived;
 mod differences;
 mod documentation;
 mod drafts;
@@ -28,6 +29,8 @@ mod listed;
 mod minimal;
 mod patches;
 mod promises;
+mod recovery;
+mod rules;
 mod units;
 mod vectors;
 mod verdicts;

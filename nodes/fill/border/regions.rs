@@ -18,6 +18,7 @@ pub enum HoleRegion {
         radius: f64,
     },
     /// Within a box along the axes, sides included.
+    #[schemars(extend("ascending" = [["low", "high"]]))]
     Box {
         /// Its lowest x, y, z.
         #[schemars(extend("unit" = "mm"))]

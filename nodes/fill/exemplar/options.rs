@@ -30,6 +30,7 @@ pub struct ExemplarOptions {
     #[serde(default)]
     pub falloff: Option<Falloff>,
     /// The direction that is up: patches are compared upright. The length means nothing.
+    #[schemars(extend("direction" = true))]
     #[serde(default = "up")]
     pub up: [f64; 3],
     /// How many rotations about its normal an exemplar is tried in; 1 tries it upright alone.

@@ -37,6 +37,7 @@ pub enum Select {
         lightness: f64,
     },
     /// Those between two corners of a color space, both included.
+    #[schemars(extend("ascending" = [["low", "high"]], "wraps" = { "space": "Hsv" }))]
     Box {
         /// The space that the corners are given in.
         space: Space,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::backend::{Backend, Event, Native, Polling, Sink, is_remote};
 use super::list::WatchList;
+use crate::Shown;
 
 /// What is watched, by whom.
 pub(crate) struct Sources {
@@ -53,7 +54,7 @@ impl Sources {
         loop {
             self.list = make();
             if let Some(folder) = self.list.folders().iter().find(|folder| is_remote(folder)) {
-                let why = format!("{} may change without events", folder.display());
+                let why = format!("{} may change without events", folder.shown());
                 self.poll(&why);
             }
             let new = self.watch();

@@ -9,6 +9,7 @@ use maquette_graph::catalog::Catalog;
 use maquette_value::plain::ending;
 use maquette_value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
 
+use crate::Shown;
 use crate::counted;
 
 /// The types of values that are scans, in the order in which a file is tried.
@@ -49,7 +50,7 @@ impl Scans {
     /// # Errors
     /// In words: nothing is there.
     pub(super) fn of(path: &Path, catalog: &Catalog) -> Result<Self, String> {
-        let unread = |error| format!("cannot read {}: {error}", path.display());
+        let unread = |error| format!("cannot read {}: {error}", path.shown());
         let is_folder = fs::metadata(path).map_err(unread)?.is_dir();
         let folder = if is_folder { path.to_owned() } else { path.with_file_name("") };
         let mut files = Vec::new();

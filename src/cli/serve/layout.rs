@@ -11,6 +11,8 @@ use maquette_syntax::{parse, read_tree};
 use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
+use crate::Shown;
+
 pub(crate) const ENDING: &str = "layout.ron";
 
 /// Column and row of a box, as [`Places`](maquette_diagram::Places) has them, but anywhere in between, too.
@@ -32,7 +34,7 @@ impl Layout {
         let text = match plain::read_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(format!("cannot read {}: {error}", path.display())),
+            Err(error) => return Err(format!("cannot read {}: {error}", path.shown())),
         };
         let (tree, mistakes) = parse(&text);
         let mistake = mistakes.into_iter().next().map(|it| (Some(it.span), it.message));
@@ -45,7 +47,7 @@ impl Layout {
         };
         read.map(Some).map_err(|(span, message)| {
             let Place { line, column } = Place::of(&text, span.unwrap_or_default().start);
-            format!("{}:{line}:{column}: {message}; mend or delete the file", path.display())
+            format!("{}:{line}:{column}: {message}; mend or delete the file", path.shown())
         })
     }
 
@@ -56,7 +58,7 @@ impl Layout {
             return Err(format!("{spot:?} is no place"));
         }
         let (path, text) = (beside(graph), self.text(graph));
-        let cannot = |error: Refused| format!("cannot write {}: {error}", path.display());
+        let cannot = |error: Refused| format!("cannot write {}: {error}", path.shown());
         let _turn = Turn::beside(graph).map_err(|error| cannot(error.into()))?;
         let known = Self::of(graph)?;
         let done = match known {

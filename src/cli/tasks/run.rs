@@ -18,6 +18,7 @@ use maquette_syntax::error::{Problem, Severity};
 use maquette_value::Hash;
 
 use super::record::{Output, Record, State, picture_path};
+use crate::Shown;
 
 /// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
 const QUALITY: u8 = 88;
@@ -198,7 +199,7 @@ impl Batch<'_> {
         }
         let destination = self.destination(&sources);
         let cannot = |what: &Path, why: &dyn std::fmt::Display| {
-            format!("cannot write {}: {why}", what.display())
+            format!("cannot write {}: {why}", what.shown())
         };
         let path = picture_path(self.out, &task.name);
         if let Some(picture) = &done.picture {

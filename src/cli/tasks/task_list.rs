@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Batch;
 use super::record::{FOLDER, Record};
+use crate::Shown;
 
 /// The folder of lists in that of records. No task has a name with an `@`.
 const LISTS: &str = "@handovers";
@@ -174,7 +175,7 @@ impl Batch<'_> {
         let (bytes, hash) = TaskList::of(self.sweep).written();
         let path = self.list_path(&hash);
         let written = self.destination(&Sources::default()).put(&path, &bytes);
-        written.map_err(|why| format!("cannot write {}: {why}", path.display()))?;
+        written.map_err(|why| format!("cannot write {}: {why}", path.shown()))?;
         Ok(hash)
     }
 
@@ -193,13 +194,13 @@ impl Batch<'_> {
         let changes = match before {
             Some(before) => before.changes(&now),
             None => {
-                format!("what they were is unknown, since {} is missing or damaged", path.display())
+                format!("what they were is unknown, since {} is missing or damaged", path.shown())
             }
         };
         Err(format!(
             "the tasks of {} are not those that were handed over: {changes}; hand them over again, with `--emit` (tasks that are done do not run \
              again)",
-            self.sweep.source.name.display()
+            self.sweep.source.name.shown()
         ))
     }
 

@@ -8,6 +8,7 @@ use maquette_syntax::telling::harmless;
 use maquette_syntax::telling::in_full;
 
 use super::worker::Report;
+use crate::Shown;
 use crate::column_width;
 use crate::terminal::wrapped;
 use crate::{counted, in_bytes};
@@ -185,7 +186,7 @@ fn summary(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<Str
     let files = |unchanged: bool| {
         let files = report.written.iter().filter(move |file| file.unchanged == unchanged);
         files.map(move |file| {
-            let name = Path::new(&file.path).strip_prefix(folder).unwrap_or(&file.path).display();
+            let name = Path::new(&file.path).strip_prefix(folder).unwrap_or(&file.path).shown();
             if unchanged { name.to_string() } else { format!("{name} {}", in_bytes(file.bytes)) }
         })
     };

@@ -135,8 +135,26 @@ impl Known {
         }
     }
 
-    /// The parameters that are named in these places, in the order of their declarations.
+    /// The parameters that are named in these places, and those that their defaults name, in the order of their declarations.
     pub(crate) fn parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
+        let entries = self.entries("params");
+        let mut found = self.named_parameters(within);
+        loop {
+            let is_inside = |span: Span| {
+                let is_around = |&at: &usize| {
+                    entries[at].0.span.start <= span.start && span.end <= entries[at].1.span.end
+                };
+                found.iter().any(is_around)
+            };
+            let more = self.named_parameters(is_inside);
+            if more.is_subset(&found) {
+                return found;
+            }
+            found.extend(more);
+        }
+    }
+
+    fn named_parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
         let known = BTreeMap::from_iter(self.names("params").zip(0..));
         let mut found = BTreeSet::new();
         for reference in self.references.all.iter().filter(|found| within(found.span)) {

@@ -15,6 +15,7 @@ use maquette_syntax::{Body, Expected, Kind, Quantity, Tree, Unit, cut, parse, qu
 use super::{Known, refusal};
 
 /// What a parameter stands for in the other graph.
+#[derive(Clone)]
 pub(crate) enum Given {
     /// A parameter there.
     Parameter(String),
@@ -53,6 +54,18 @@ pub(crate) fn put_values(
         }
     }
     Ok(putting.splices)
+}
+
+/// An expression with what they stand for in the place of parameters.
+///
+/// # Errors
+/// What they stand for cannot be said in an expression.
+pub(crate) fn expression(
+    text: &str,
+    values: &BTreeMap<String, Given>,
+    there: &BTreeSet<String>,
+) -> Result<String, Refusal> {
+    Putting { values, there, splices: Vec::new() }.expression(text, Span::default())
 }
 
 struct Putting<'a> {

@@ -105,6 +105,24 @@ pub(super) struct Reader<'a> {
     pub(super) warnings: Vec<Finding>,
 }
 
+/// How many tasks an axis makes at least, by its values.
+fn count(axis: &Tree) -> usize {
+    let name = axis.name().map_or_else(String::new, |name| name.text);
+    let list = |place: usize| match &axis.kind {
+        Kind::Call { body: Body::Items(items), .. } => match items.get(place).map(|it| &it.kind) {
+            Some(Kind::List(items)) => &items[..],
+            _ => &[],
+        },
+        _ => &[],
+    };
+    match &name[..] {
+        "Product" => list(0).iter().map(count).fold(1, usize::saturating_mul),
+        "Zip" => list(0).iter().map(count).max().unwrap_or(1),
+        "Values" => list(1).len().max(1),
+        _ => 1,
+    }
+}
+
 impl Reader<'_> {
     pub(super) fn find(
         &mut self,
@@ -129,20 +147,18 @@ impl Reader<'_> {
         };
         match axis {
             Axis::Product(axes) => {
+                // Before any of them is made: files count as one.
+                if MOST < count(tree) {
+                    return self.too_many(tree.span);
+                }
                 let all = self.all(axes, &inner(items), tree.span);
+                let counts = all.iter().map(|rows| rows.rows.len());
+                if MOST < counts.fold(1, usize::saturating_mul) {
+                    return self.too_many(tree.span);
+                }
                 let mut product = Rows { rows: vec![Row::default()], ..Rows::default() };
                 for Rows { names, rows } in all {
                     product.names.extend(names);
-                    if MOST < product.rows.len().saturating_mul(rows.len()) {
-                        let help = "sweep over less, or divide the sweep into several";
-                        self.find(
-                            code::WRONG_VALUE,
-                            tree.span,
-                            format!("this is more than {MOST} tasks"),
-                            help,
-                        );
-                        return Rows::default();
-                    }
                     let each = product.rows.iter().flat_map(|a| rows.iter().map(|b| a.and(b)));
                     product.rows = each.collect();
                 }
@@ -185,6 +201,12 @@ impl Reader<'_> {
                 self.files(&Meant { pattern, set, input, beside, name, tree })
             }
         }
+    }
+
+    fn too_many(&mut self, span: Span) -> Rows {
+        let help = "sweep over less, or divide the sweep into several";
+        self.find(code::WRONG_VALUE, span, format!("this is more than {MOST} tasks"), help);
+        Rows::default()
     }
 
     fn all(&mut self, axes: &[Axis], trees: &[Tree], span: Span) -> Vec<Rows> {

@@ -9,6 +9,7 @@ use maquette_graph::{Checked, Files, Graph, GraphNode, Options};
 use maquette_graph::{Word, words_of_choices, words_of_fields};
 use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
 use maquette_syntax::paths::{folder_of_new, project_root};
+use maquette_syntax::spelling::one_file;
 use maquette_syntax::{
     Body, Field, Finding, Help, Kind, Name, Tree, Walk, nearest_or_all, parse, quoted, read_tree,
     syntax_problems, twice,
@@ -353,8 +354,11 @@ impl Checker<'_> {
             }
             Some(Clash::Same(first, second)) => (
                 format!(
-                    "two tasks have the name `{}`: {} and {}",
-                    named[second],
+                    "{}: {} and {}",
+                    match named[first] == named[second] {
+                        true => format!("two tasks have the name `{}`", named[second]),
+                        false => one_file("tasks", &named[first], &named[second]),
+                    },
                     told(first),
                     told(second)
                 ),

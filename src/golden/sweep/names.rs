@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use maquette_syntax::spelling::file_key;
 use maquette_value::Hash;
 
 /// A name made of values: `{scan}/{growth}_{levels}`.
@@ -149,7 +150,7 @@ fn safe(part: &str) -> String {
 /// Two tasks that would be in each other's way, and how.
 #[derive(Debug, PartialEq)]
 pub(super) enum Clash {
-    /// They have one name where capital letters do not count.
+    /// They have one name where neither capital letters nor the form of letters with accents count.
     Same(usize, usize),
     /// The folder of the second lies in that of the first.
     Inside(usize, usize),
@@ -159,7 +160,7 @@ pub(super) enum Clash {
 
 /// What is wrong with names as a whole.
 pub(super) fn clash(names: &[String]) -> Option<Clash> {
-    let key = |name: &str| name.to_lowercase();
+    let key = file_key;
     let mut known = HashMap::with_capacity(names.len());
     for (index, name) in names.iter().enumerate() {
         let key = key(name);
@@ -238,6 +239,7 @@ mod tests {
             |names: &[&str]| clash(&Vec::from_iter(names.iter().map(|it| (*it).to_owned())));
         assert_eq!(clash(&["a", "b/c", "b/d"]), None);
         assert_eq!(clash(&["a", "b", "A"]), Some(Clash::Same(0, 2)));
+        assert_eq!(clash(&["caf\u{e9}", "Cafe\u{301}"]), Some(Clash::Same(0, 1)));
         assert_eq!(clash(&["a/b", "c", "a"]), Some(Clash::Inside(2, 0)));
         assert_eq!(clash(&["a", "Tasks/b"]), Some(Clash::Own(1)));
         assert_eq!(clash(&["index.html"]), Some(Clash::Own(0)));

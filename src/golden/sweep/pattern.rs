@@ -11,6 +11,9 @@ pub(super) struct Found {
     pub(super) name: String,
 }
 
+/// The greatest number of files that a part of a pattern may fit.
+const MAX_FOUND: usize = 100_000;
+
 /// The files and folders that fit a pattern, in the order of their names, in which numbers count as numbers. Hidden ones only fit a
 /// pattern with a dot.
 ///
@@ -51,11 +54,15 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String
                 if name.starts_with('.') && !part.starts_with('.') {
                     continue;
                 }
-                if let Some(star) = standing_for(part, &name) {
+                if let Some(star) = standing_for(part, &name).filter(|_| next.len() <= MAX_FOUND) {
                     let stars = stars.iter().cloned().chain([star]).collect();
                     next.push((path.join(name), stars));
                 }
             }
+        }
+        if MAX_FOUND < next.len() {
+            // Links that lead back to a folder above make ever more paths.
+            return Err(format!("more than {MAX_FOUND} files fit `{pattern}`: write fewer stars"));
         }
         found = next;
     }
@@ -163,6 +170,24 @@ mod tests {
         for wrong in ["/etc/*", "scans//a", "scans/**/range.pcd", ""] {
             assert!(matches(folder.path(), wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_in_a_circle_come_to_an_end() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a", "b", "c"] {
+            fs::create_dir(folder.path().join(name)).unwrap();
+            for link in ["up", "same"] {
+                std::os::unix::fs::symlink("..", folder.path().join(name).join(link)).unwrap();
+            }
+        }
+        let found = matches(folder.path(), "*/*/..").unwrap();
+        assert_eq!(found.len(), 6);
+        let many = vec!["*"; 40].join("/");
+        assert!(matches(folder.path(), &many).unwrap_err().contains("more than 100000 files"));
+        let back = vec!["*/*/.."; 20].join("/");
+        assert!(matches(folder.path(), &back).is_err_and(|why| why.contains("write fewer stars")));
     }
 
     #[test]

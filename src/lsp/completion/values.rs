@@ -144,6 +144,7 @@ impl Search<'_> {
                 ..self.proposal(&name, format!("{name}($0)"), Sort::Value, 100 + found.len())
             });
         }
+        found.push(self.proposal("pi", "pi".to_owned(), Sort::Value, 100 + found.len()));
         match is_text(self.cursor) {
             true => found,
             false => Vec::new(),

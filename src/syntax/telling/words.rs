@@ -23,6 +23,14 @@ pub fn harmless(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.replace("\r\n", "\n").chars().map(picture).collect())
 }
 
+/// The text on one line, with pictures of ends of lines and tabs, too: names may hold them.
+pub fn on_one_line(text: &str) -> Cow<'_, str> {
+    match harmless(text) {
+        text if !text.contains(['\n', '\t']) => text,
+        text => Cow::Owned(text.replace('\n', "\u{240a}").replace('\t', "\u{2409}")),
+    }
+}
+
 /// The same for lines of a file, in which places are told by bytes: what acts is replaced by something of as many bytes. Characters
 /// of one byte stay; who draws lines of files shows pictures of them.
 pub(super) fn harmless_in_place(text: &str) -> Cow<'_, str> {
@@ -64,6 +72,12 @@ mod tests {
             "a␛[2J␇␍␡\u{fffd}b\u{fffd}\n\té"
         );
         assert!(matches!(harmless("no harm: ␛é\n"), Cow::Borrowed(_)));
+    }
+
+    #[test]
+    fn a_name_stays_on_its_line() {
+        assert_eq!(on_one_line("a\nb\t\u{1b}c"), "a␊b␉␛c");
+        assert!(matches!(on_one_line("a b"), Cow::Borrowed(_)));
     }
 
     #[test]

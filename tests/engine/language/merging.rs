@@ -357,3 +357,24 @@ fn a_list_alone_is_merged_as_a_whole() {
     let marked = format!("<<<<<<< ours\n{}=======\n{}>>>>>>> theirs\n", handles("1"), handles("2"));
     assert_eq!(merged.text, marked);
 }
+
+#[test]
+fn a_new_name_that_the_other_side_gave_to_something_new_is_a_conflict() {
+    let spots = "\"spots\": Label(mask: \"red\", connectivity: Eight)";
+    let ours = BASE.replace("\"red\"", "\"blue\"");
+    let new = format!(
+        "\"blue\": Threshold(image: \"scan.color\", select: Near({RED}, distance: 9.0)),\n        {spots}"
+    );
+    let theirs = with(BASE, &[(spots, &new)]);
+    for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
+        let merged = merge(BASE, ours, theirs);
+        assert_eq!(merged.conflicts, ["nodes.blue"], "{}", merged.text);
+        assert!(merged.text.contains("<<<<<<< ours") && merged.text.contains("distance: 9.0"));
+    }
+    // Both gave two things one name.
+    let theirs = BASE.replace("\"spots\"", "\"blue\"");
+    assert_eq!(merge(BASE, &ours, &theirs).conflicts, ["nodes.blue"]);
+    let theirs = BASE.replace("\"growth\"", "\"blue\"");
+    assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0], "a parameter is no node");
+    assert_eq!(merge(BASE, &ours, &ours).conflicts, [""; 0]);
+}

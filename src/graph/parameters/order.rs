@@ -1,0 +1,129 @@
+//! The order in which parameters are computed, where defaults are computed from others.
+
+use std::collections::HashMap;
+
+use maquette_syntax::error::code;
+use maquette_syntax::{Body, Finding, Kind, Sheet, Tree};
+
+use super::is_parametric;
+use crate::declaration::Declaration;
+use crate::expression::named_parameters;
+
+/// The order of declarations in which each is behind all that its default is computed from.
+pub(super) struct Order {
+    /// Their places. Those that depend on themselves are left out, and reported.
+    pub(super) all: Vec<usize>,
+}
+
+/// How far the search has come with a declaration.
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    New,
+    Open,
+    Done,
+}
+
+impl Order {
+    pub(super) fn of(
+        declarations: &[Declaration],
+        sheet: &Sheet,
+        findings: &mut Vec<Finding>,
+    ) -> Self {
+        let places = declarations.iter().enumerate();
+        let places: HashMap<&str, usize> = places.map(|(at, it)| (&it.name[..], at)).collect();
+        let needed = |declared: &Declaration| match is_parametric(&declared.default) {
+            true => {
+                let names = names_in(&declared.default, &|name| places.contains_key(name));
+                names.iter().filter_map(|name| places.get(&name[..]).copied()).collect()
+            }
+            false => Vec::new(),
+        };
+        let needed = Vec::from_iter(declarations.iter().map(needed));
+        let mut states = vec![State::New; declarations.len()];
+        let mut is_cyclic = vec![false; declarations.len()];
+        let mut all = Vec::with_capacity(declarations.len());
+        for first in 0..declarations.len() {
+            // Without recursion: a chain may be as long as there are parameters.
+            let mut open = Vec::new();
+            if states[first] == State::New {
+                states[first] = State::Open;
+                open.push((first, 0));
+            }
+            while let Some((at, next)) = open.last_mut() {
+                let Some(&other) = needed[*at].get(*next) else {
+                    states[*at] = State::Done;
+                    all.push(*at);
+                    open.pop();
+                    continue;
+                };
+                *next += 1;
+                match states[other] {
+                    State::New => {
+                        states[other] = State::Open;
+                        open.push((other, 0));
+                    }
+                    State::Open => {
+                        let place = open.iter().position(|(at, _)| *at == other).unwrap_or(0);
+                        let cycle = Vec::from_iter(open[place..].iter().map(|(at, _)| *at));
+                        if !cycle.iter().any(|&at| is_cyclic[at]) {
+                            findings.push(told(declarations, &cycle, sheet));
+                        }
+                        cycle.iter().for_each(|&at| is_cyclic[at] = true);
+                    }
+                    State::Done => {}
+                }
+            }
+        }
+        all.retain(|&at| !is_cyclic[at]);
+        Self { all }
+    }
+}
+
+/// Says of parameters that each is computed from the next one, and the last from the first.
+fn told(declarations: &[Declaration], cycle: &[usize], sheet: &Sheet) -> Finding {
+    let all = Vec::from_iter(cycle.iter().map(|&at| &declarations[at]));
+    let names = all.iter().chain(all.first()).map(|declared| &declared.name[..]);
+    let message = format!("cycle: {}", Vec::from_iter(names).join(" -> "));
+    let next = all.iter().skip(1).chain(all.first());
+    let needs = all.iter().zip(next).map(|(declared, next)| {
+        let place = sheet.place_in_words(declared.default.span);
+        format!("`{}` needs `{}` at {place}", declared.name, next.name)
+    });
+    let needs = Vec::from_iter(needs).join(", ");
+    let note =
+        all.get(1).map(|declared| (declared.default.span, format!("`{}` is here", declared.name)));
+    Finding {
+        code: code::CYCLE,
+        span: all.first().map(|declared| declared.default.span).unwrap_or_default(),
+        message,
+        help: format!("give one of them a number: {needs}").into(),
+        note,
+    }
+}
+
+/// The parameters that are named in a value, in order.
+pub(crate) fn names_in(tree: &Tree, is_known: &dyn Fn(&str) -> bool) -> Vec<String> {
+    let mut names = Vec::new();
+    collect(tree, is_known, &mut names);
+    names
+}
+
+fn collect(tree: &Tree, is_known: &dyn Fn(&str) -> bool, names: &mut Vec<String>) {
+    if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
+        return names.push(name.to_owned());
+    }
+    if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
+        let places = named_parameters(text, is_known).into_iter().flatten();
+        return names.extend(places.map(|at| text[at].to_owned()));
+    }
+    match &tree.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            items.iter().for_each(|item| collect(item, is_known, names));
+        }
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.iter().for_each(|field| collect(&field.value, is_known, names));
+        }
+        Kind::Map(entries) => entries.iter().for_each(|(_, value)| collect(value, is_known, names)),
+        _ => {}
+    }
+}

@@ -1,0 +1,100 @@
+//! Names that differ in their characters, but look the same or are one file.
+
+use unicode_normalization::UnicodeNormalization;
+
+/// The form of a file's name in which names are equal that are one file on macOS or Windows: there `A.png` is `a.png`, and on macOS
+/// a composed `é` is a decomposed one.
+pub fn file_key(name: &str) -> String {
+    let parts = name.split('/').filter(|part| !matches!(*part, "" | "."));
+    let path = Vec::from_iter(parts).join("/");
+    path.nfd().flat_map(char::to_lowercase).nfd().collect()
+}
+
+/// What is wrong with two different names that are one file.
+pub fn one_file(what: &str, first: &str, second: &str) -> String {
+    let spelled = match look_alike(first, second) {
+        true => format!(", the second {}", difference(first, second)),
+        false => String::new(),
+    };
+    format!("{what} `{first}` and `{second}` are one file on macOS and Windows{spelled}")
+}
+
+/// Returns true if two different names look the same.
+pub(crate) fn look_alike(a: &str, b: &str) -> bool {
+    let is_plain = |name: &str| name.bytes().all(|byte| byte.is_ascii_graphic());
+    a != b && !(is_plain(a) && is_plain(b)) && visible(a) == visible(b)
+}
+
+/// How the spelling of `known` differs from that of `given`, by the codes of the characters.
+pub(crate) fn difference(given: &str, known: &str) -> String {
+    let (given, known) = (Vec::from_iter(given.chars()), Vec::from_iter(known.chars()));
+    let begin = given.iter().zip(&known).take_while(|(a, b)| a == b).count();
+    let (given, known) = (&given[begin..], &known[begin..]);
+    let end = given.iter().rev().zip(known.iter().rev()).take_while(|(a, b)| a == b).count();
+    let codes = |chars: &[char]| {
+        let code = |c: &char| format!("U+{:04X}", u32::from(*c));
+        Vec::from_iter(chars[..chars.len() - end].iter().map(code)).join(" ")
+    };
+    match (codes(given), codes(known)) {
+        (given, known) if known.is_empty() => format!("without {given}"),
+        (given, known) if given.is_empty() => format!("with {known}"),
+        (given, known) => format!("with {known} instead of {given}"),
+    }
+}
+
+/// A name as people see it.
+fn visible(name: &str) -> String {
+    let seen = name.nfkc().filter(|c| !is_invisible(*c)).map(latin);
+    let text = String::from_iter(seen.map(|c| if c.is_whitespace() { ' ' } else { c }));
+    text.trim().to_owned()
+}
+
+/// Returns true for characters that take no room: joiners, marks of direction and the like.
+fn is_invisible(c: char) -> bool {
+    c.is_control()
+        || matches!(c,
+            '\u{ad}' | '\u{34f}' | '\u{61c}' | '\u{180b}'..='\u{180e}' | '\u{200b}'..='\u{200f}'
+            | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{fe00}'..='\u{fe0f}' | '\u{feff}'
+            | '\u{e0000}'..='\u{e0fff}')
+}
+
+/// Cyrillic and Greek letters and hyphens, and what they look like.
+const LOOK_ALIKES: (&str, &str) = (
+    "аеорсухіјѕһԁԛԝкАВЕКМНОРСТХІЈЅҮΑΒΕΖΗΙΚΜΝΟΡΤΥΧονικ‐‑‒–−",
+    "aeopcyxijshdqwkABEKMHOPCTXIJSYABEZHIKMNOPTYXovik-----",
+);
+
+/// The Latin letter or sign that a character looks like; itself if there is none.
+fn latin(c: char) -> char {
+    let place = LOOK_ALIKES.0.chars().position(|known| known == c);
+    place.and_then(|place| LOOK_ALIKES.1.chars().nth(place)).unwrap_or(c)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_one_file_have_one_key() {
+        assert_eq!(file_key("Mask.PNG"), file_key("mask.png"));
+        assert_eq!(file_key("caf\u{e9}.ply"), file_key("Cafe\u{301}.ply"));
+        assert_eq!(file_key("\u{c9}"), file_key("e\u{301}"));
+        assert_ne!(file_key("cafe.ply"), file_key("caf\u{e9}.ply"));
+    }
+
+    #[test]
+    fn names_that_look_alike_differ_in_codes() {
+        let check = |given: &str, known: &str, expected: &str| {
+            assert!(look_alike(given, known), "{given} {known}");
+            assert_eq!(difference(given, known), expected);
+        };
+        check("re\u{200b}d", "red", "without U+200B");
+        check("red", "red ", "with U+0020");
+        check("caf\u{e9}", "cafe\u{301}", "with U+0065 U+0301 instead of U+00E9");
+        check("r\u{435}d", "red", "with U+0065 instead of U+0435");
+        check("eye\u{2010}step", "eye-step", "with U+002D instead of U+2010");
+        assert!(!look_alike("red", "red"));
+        assert!(!look_alike("Red", "red"));
+        assert_eq!(LOOK_ALIKES.0.chars().count(), LOOK_ALIKES.1.chars().count());
+    }
+}

@@ -1,0 +1,160 @@
+//! Texts that are damaged, in conflict or odd: an error with file, line and advice, and never a panic.
+
+use std::process::Output;
+
+use crate::project::Project;
+
+const MESH: &str = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    use: { "Part": "part.ron" },
+    nodes: {
+        "mesh": ReadMesh(path: "a.obj"),
+        "part": Part(mesh: "mesh"),
+        "up": Transform(mesh: "part", translate: (0, 0, 1)),
+    },
+    outputs: { "up.ply": "up" },
+)
+"#;
+
+const PART: &str = "Graph(format: 1, inputs: { \"mesh\": Mesh() }, nodes: { \"it\": Transform(mesh: \"mesh\") }, outputs: { \"mesh\": \"it\" })\n";
+
+fn told(output: &Output) -> String {
+    let [out, err] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    format!("{out}{err}")
+}
+
+/// A graph with a test and its golden, a pin, a lock and a sweep.
+fn project() -> Project {
+    let project = Project::new(GRAPH);
+    let write = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
+    write("a.obj", MESH);
+    write("part.ron", PART);
+    write("maquette.toml", "");
+    write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n");
+    write(
+        "doll.sweep.ron",
+        "Sweep(\n    graph: \"doll.ron\",\n    over: Values(\"up.translate\", [(0, 0, 1)]),\n)\n",
+    );
+    for words in [
+        &["pin", "doll.ron", "up"][..],
+        &["lock", "doll.ron"],
+        &["test", "doll.test.ron", "--bless"],
+    ] {
+        let done = project.command(words).env_remove("CI").output().unwrap();
+        assert!(done.status.success(), "{words:?}: {}", told(&done));
+    }
+    project
+}
+
+/// The files with text, and a command that reads each.
+fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
+    let golden = std::fs::read_dir(project.folder().join("goldens")).unwrap();
+    let golden = golden.map(|file| file.unwrap().path());
+    let golden = golden.filter(|path| path.extension().is_some_and(|ending| ending == "txt"));
+    let golden =
+        golden.map(|path| path.strip_prefix(project.folder()).unwrap().display().to_string());
+    let test = |name: String| (name, "test doll.test.ron");
+    let mut all = vec![
+        ("doll.ron".to_owned(), "check doll.ron"),
+        ("doll.ron".to_owned(), "run doll.ron"),
+        ("doll.ron".to_owned(), "fmt doll.ron"),
+        ("doll.ron".to_owned(), "set doll.ron up.scale=(1,2,1)"),
+        ("doll.pins.ron".to_owned(), "run doll.ron"),
+        ("doll.pins.ron".to_owned(), "unpin doll.ron up"),
+        ("doll.test.ron".to_owned(), "test doll.test.ron"),
+        ("doll.sweep.ron".to_owned(), "batch doll.sweep.ron --out sweep"),
+    ];
+    all.push(("doll.lock.ron".to_owned(), "check doll.ron"));
+    all.push(("part.ron".to_owned(), "check doll.ron"));
+    all.extend(golden.map(test));
+    let words = |words: &str| words.split(' ').map(str::to_owned).collect();
+    all.into_iter().map(|(file, command)| (file, words(command))).collect()
+}
+
+/// Tries a text in place of that of each file.
+fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
+    let project = project();
+    for (file, words) in texts(&project) {
+        let path = project.folder().join(&file);
+        let good = std::fs::read(&path).unwrap();
+        std::fs::write(&path, damage(&good)).unwrap();
+        let words = Vec::from_iter(words.iter().map(String::as_str));
+        let done = project.maquette(&words);
+        let told = told(&done);
+        assert!(matches!(done.status.code(), Some(1 | 2)), "{file} {words:?}: {told}");
+        assert!(told.contains(wanted), "{file} {words:?}: {told}");
+        let name = file.rsplit('/').next().unwrap();
+        let stem = name.trim_end_matches(".txt");
+        assert!(told.contains(stem) && !told.contains("panic"), "{file} {words:?}: {told}");
+        std::fs::write(&path, good).unwrap();
+    }
+}
+
+#[test]
+fn marks_of_a_merge_are_one_message_in_every_file() {
+    let marked = |good: &[u8]| {
+        let text = String::from_utf8_lossy(good);
+        format!("<<<<<<< ours\n{text}=======\n{text}>>>>>>> theirs\n").into_bytes()
+    };
+    each(marked, "this file has the conflict marks of a merge");
+}
+
+#[test]
+fn what_is_no_utf_8_is_told_with_its_line() {
+    let latin = |good: &[u8]| [&good[..good.len() - 2], b"\xe4", &good[good.len() - 2..]].concat();
+    each(latin, "expected text in UTF-8, found the byte 0xE4");
+    let wide = |good: &[u8]| {
+        let units = String::from_utf8_lossy(good).encode_utf16().collect::<Vec<_>>();
+        let bytes = units.into_iter().flat_map(u16::to_le_bytes);
+        [0xff, 0xfe].into_iter().chain(bytes).collect()
+    };
+    each(wide, "line 1, column 1: expected text in UTF-8, found UTF-16");
+    let zero = |good: &[u8]| [&good[..good.len() - 2], b"\0", &good[good.len() - 2..]].concat();
+    each(zero, "found the byte 0");
+}
+
+#[test]
+fn a_mark_of_the_byte_order_is_no_part_of_a_text() {
+    let project = project();
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    project.save(&format!("\u{feff}{text}"));
+    assert!(project.maquette(&["check", "doll.ron"]).status.success());
+}
+
+#[test]
+fn pins_are_those_of_the_graph_wherever_a_link_leads_to_it_from() {
+    let project = project();
+    #[cfg(unix)]
+    {
+        let elsewhere = project.folder().join("elsewhere");
+        std::fs::create_dir(&elsewhere).unwrap();
+        std::os::unix::fs::symlink(project.folder(), elsewhere.join("link")).unwrap();
+        let linked = "elsewhere/link/doll.ron";
+        assert_eq!(told(&project.maquette(&["pin", linked, "--list"])), "up  Mesh\n");
+        let done = project.maquette(&["unpin", linked, "up"]);
+        assert!(done.status.success(), "{}", told(&done));
+        assert_eq!(told(&project.maquette(&["pin", "doll.ron", "--list"])), "");
+        assert!(project.maquette(&["pin", linked, "mesh"]).status.success());
+        assert_eq!(told(&project.maquette(&["pin", "doll.ron", "--list"])), "mesh  Mesh\n");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn names_of_several_lines_are_printed_on_one() {
+    let project = project();
+    let name = "odd\nerror: no\u{1b}[2J.ron";
+    std::fs::write(project.folder().join(name), GRAPH.replace("\"part\", tr", "\"prat\", tr"))
+        .unwrap();
+    for words in
+        [&["check", name][..], &["run", name], &["fmt", "--check", name], &["why", name, "up"]]
+    {
+        let told = told(&project.maquette(words));
+        assert!(!told.contains("\nerror: no") && !told.contains('\u{1b}'), "{words:?}: {told}");
+    }
+    let outputs = GRAPH.replace("up.ply", "u\\n\\u{1b}p.ply");
+    std::fs::write(project.folder().join("b.ron"), outputs).unwrap();
+    let told = told(&project.maquette(&["check", "b.ron"]));
+    assert!(told.contains("output `u␊␛p.ply` has a control character in its name"), "{told}");
+}
