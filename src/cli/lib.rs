@@ -56,7 +56,8 @@ pub(crate) use condition::Condition;
 pub(crate) use options::{GraphOptions, assignment};
 pub(crate) use output::{
     Exit, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
-    print_document, print_json, program, put_problems, report, shows_color, stdout_is_closed,
+    print_document, print_json, print_usage, program, put_problems, report, shows_color,
+    stdout_is_closed,
 };
 pub(crate) use program::Cli;
 pub use program::{main, run};
