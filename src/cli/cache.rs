@@ -9,7 +9,7 @@ use maquette_engine::session::{CacheServer, default_folder, disk_size, size};
 use maquette_graph::catalog::Catalog;
 use serde_json::json;
 
-use super::{Exit, counted, in_bytes, print, print_json};
+use super::{Exit, counted, eprint, in_bytes, print, print_json};
 
 #[derive(Args)]
 pub(crate) struct Cache {
@@ -70,13 +70,9 @@ impl Cache {
             }
             Action::Gc { limit } => {
                 let limit = limit.map_or_else(disk_size, Ok)?;
-                let dropped = Disk::gc(folder, limit).map_err(wrong)?;
-                print(&format!("dropped {}\n", bytes(dropped)));
+                return drop_down_to(folder, limit);
             }
-            Action::Clear => {
-                let dropped = Disk::gc(folder, 0).map_err(wrong)?;
-                print(&format!("dropped {}\n", bytes(dropped)));
-            }
+            Action::Clear => return drop_down_to(folder, 0),
             Action::Doctor { dry_run, json } => {
                 let diagnosis = Disk::doctor(folder, *dry_run).map_err(wrong)?;
                 print_diagnosis(folder, &diagnosis, *dry_run, *json);
@@ -85,6 +81,22 @@ impl Cache {
             }
         }
         Ok(Exit::Done)
+    }
+}
+
+/// Drops results until at most `limit` bytes are left.
+fn drop_down_to(folder: &Path, limit: u64) -> Result<Exit, String> {
+    match Disk::gc(folder, limit) {
+        Ok(dropped) => {
+            print(&format!("dropped {}\n", bytes(dropped)));
+            Ok(Exit::Done)
+        }
+        Err(error @ DiskError::Kept { .. }) => {
+            let help = "make the folder writable, or name another one with --cache";
+            eprint(&format!("error: {error}\n  = help: {help}\n"));
+            Ok(Exit::Failed)
+        }
+        Err(error) => Err(error.to_string()),
     }
 }
 

@@ -66,6 +66,16 @@ pub enum DiskError {
     /// What others wrote is not believed.
     #[error("the cache {} belongs to another user", .0.display())]
     OtherUser(PathBuf),
+    /// Files that should go stay.
+    #[error("cannot remove {count} of the files in the cache {}: {error}", .folder.display())]
+    Kept {
+        /// The folder.
+        folder: PathBuf,
+        /// The number of files.
+        count: usize,
+        /// Why the first one stays.
+        error: io::Error,
+    },
     /// The system says why.
     #[error("the cache {} cannot be used: {error}", .folder.display())]
     System {
@@ -143,6 +153,16 @@ impl Disk {
     /// Whether there is an entry of this key; it may still turn out to be damaged.
     pub(super) fn has(&self, key: Hash) -> bool {
         self.store.entry_path(key).exists()
+    }
+
+    /// Returns true if there is a whole entry of this key, and a file for each of its columns.
+    pub(super) fn holds(&self, key: Hash) -> bool {
+        let path = self.store.entry_path(key);
+        let bytes = plain::read_own(&path).ok().and_then(|bytes| unsealed(&path, bytes));
+        let columns = bytes.and_then(|bytes| entry::columns(&bytes, key).flatten());
+        columns.is_some_and(|columns| {
+            columns.iter().all(|(column, _)| self.store.column_path(*column).exists())
+        })
     }
 
     /// What is known of a result.
@@ -333,7 +353,7 @@ impl Columns for Store {
     /// The content is not judged here: who asks compares its hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let path = self.column_path(hash);
-        let read = fs::File::open(&path).and_then(|mut file| {
+        let read = plain::open_own(&path).and_then(|mut file| {
             let fits = file.metadata()?.len() == into.len() as u64;
             if fits { file.read_exact(into).map(|()| true) } else { Ok(false) }
         });
