@@ -137,6 +137,7 @@ impl Batch {
             options: &options,
             signs: self.provenance.signs(),
             retries: self.retry,
+            is_forecast: self.dry_run,
         };
         if let Some(engine) = self.emit {
             return self.emit(engine, &tasks);

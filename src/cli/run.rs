@@ -89,9 +89,12 @@ impl Run {
                 return Exit::Failed;
             }
         };
+        let into = self.options.folder(self.out.as_deref(), &self.graph);
+        let into = self.provenance.applied(into.keeping(self.inputs.files()));
+        session.recall(&into);
         if self.dry_run {
             let graph = session.as_last_known(&graph);
-            return match session.dry_run(&graph, &self.only) {
+            return match session.dry_run(&graph, &self.only, &into) {
                 Ok(forecasts) => {
                     print(&forecast(&graph, &forecasts));
                     Exit::Done
@@ -101,9 +104,6 @@ impl Run {
         }
         let progress = Progress::new(graph.nodes().len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let into = self.options.folder(self.out.as_deref(), &self.graph);
-        let into = self.provenance.applied(into.keeping(self.inputs.files()));
-        session.recall(&into);
         let produced = session.produce(&graph, &self.only, &into, observer, &cancel);
         progress.end();
         let produced = match produced {

@@ -1,6 +1,6 @@
 //! Runs tasks, and knows which need not be run: those with a record that still holds.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -35,6 +35,8 @@ pub(crate) struct Batch<'a> {
     pub(crate) signs: bool,
     /// Whether what failed is run again though nothing has changed.
     pub(crate) retries: bool,
+    /// Whether nothing is run: then no large files are read to know what would be.
+    pub(crate) is_forecast: bool,
 }
 
 /// What is to be done for a task.
@@ -66,7 +68,7 @@ impl Batch<'_> {
         let checked = session.load(&self.sweep.graph, &with(&task.row.set, self.options));
         let graph = checked.graph.or(checked.partial);
         let made_of = graph.as_ref().and_then(|graph| {
-            let files = session.files_of(graph, &task.row.inputs)?;
+            let files = session.files_of(graph, &task.row.inputs, self.is_forecast)?;
             let Picture { output, camera, zoom, size } = &self.sweep.picture;
             let shown = format!("{output:?} {camera:?} {zoom:?} {size:?} {}", self.signs);
             let key = format!("{} {} {shown}", session.build(), session.made_of(graph));
@@ -101,6 +103,9 @@ impl Batch<'_> {
             files.by_name.iter().find(|(name, hash)| record.files.get(*name) != Some(*hash));
         if let Some((name, _)) = changed {
             return Some(format!("`{name}` changed"));
+        }
+        if let Some(name) = &files.unread {
+            return Some(format!("`{name}` may have changed and was not read"));
         }
         if record.state == State::Failed {
             return self.retries.then(|| "it failed".to_owned());
@@ -150,7 +155,9 @@ impl Batch<'_> {
         };
         let graph = session.as_last_known(&graph);
         let made = session.made_of_nodes(&graph);
-        let forecasts = session.dry_run(&graph, &[]).unwrap_or_default();
+        let folder = self.folder_of(task);
+        session.recall(&folder);
+        let forecasts = session.dry_run(&graph, &[], &folder).unwrap_or_default();
         forecasts.into_iter().map(|it| (made[it.index], it)).collect()
     }
 
@@ -235,9 +242,7 @@ impl Batch<'_> {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Done {
-        let inputs = task.row.inputs.iter().map(|(_, file)| &**file);
-        let folder = self.out.join(&task.name);
-        let folder = OutputFolder::of_task(&folder, self.is_named, self.signs).keeping(inputs);
+        let folder = self.folder_of(task);
         session.recall(&folder);
         let produced = match session.produce(graph, &[], &folder, observer, cancel) {
             Ok(produced) => produced,
@@ -250,6 +255,13 @@ impl Batch<'_> {
             .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
             .collect();
         Done { outputs, picture, trace: produced.trace(), problems: produced.problems }
+    }
+
+    /// The folder of a task's outputs.
+    fn folder_of(&self, task: &Task) -> OutputFolder {
+        let inputs = task.row.inputs.iter().map(|(_, file)| &**file);
+        let folder = self.out.join(&task.name);
+        OutputFolder::of_task(&folder, self.is_named, self.signs).keeping(inputs)
     }
 
     /// A file that was just written.
@@ -295,8 +307,11 @@ impl Batch<'_> {
 
     /// Removes what killed processes left among the records: once, because there may be many.
     pub(super) fn sweep_records(&self) {
-        let folder = self.out.join(super::record::FOLDER);
-        self.destination(&Sources::default()).sweep(&folder);
+        let (root, sources) = (self.out.join(super::record::FOLDER), Sources::default());
+        let destination = self.destination(&sources);
+        let of_tasks = self.sweep.tasks.iter().filter_map(|task| Path::new(&task.name).parent());
+        let folders: BTreeSet<&Path> = of_tasks.collect();
+        folders.iter().for_each(|folder| destination.sweep(&root.join(folder)));
     }
 
     pub(super) fn destination<'s>(&self, sources: &'s Sources) -> Destination<'s> {

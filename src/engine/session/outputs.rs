@@ -219,17 +219,48 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &mut Evaluator,
     ) -> Vec<usize> {
+        let is_right = |name: &str, made_of| self.still_there(name, made_of).is_some();
+        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+    }
+
+    /// The same as far as the stamps of files tell, without reading any.
+    pub(super) fn nodes_to_write_by_stamps(
+        &self,
+        outputs: &[&GraphOutput],
+        graph: &Graph,
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+    ) -> Vec<usize> {
+        let is_right = |name: &str, made_of| {
+            let known = self.lock();
+            let files = known.get(name).filter(|known| known.made_of == made_of);
+            files.is_some_and(|known| known.files.iter().all(|(file, left)| {
+                left.as_ref().is_some_and(|left| Stamp::of(&file.path) == Some(left.stamp))
+            }))
+        };
+        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+    }
+
+    /// The nodes of outputs, but not of those whose files, made of a value and what they tell of it, are right.
+    fn nodes_unless(
+        &self,
+        outputs: &[&GraphOutput],
+        graph: &Graph,
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+        is_right: impl Fn(&str, Hash) -> bool,
+    ) -> Vec<usize> {
         let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
         let known = evaluator.foreseen(graph, &nodes);
         let teller = self.signs.then(|| Teller::new(graph, catalog));
-        let is_right = |output: &&&GraphOutput| {
+        let is_known = |output: &&&GraphOutput| {
             known.hash(output.node, output.output).is_some_and(|value| {
                 let told =
                     teller.as_ref().map(|it| it.signature(output, |node| known.read_by(node)));
-                self.still_there(&output.name, made_of(value, told.as_ref())).is_some()
+                is_right(&output.name, made_of(value, told.as_ref()))
             })
         };
-        outputs.iter().filter(|output| !is_right(output)).map(|output| output.node).collect()
+        outputs.iter().filter(|output| !is_known(output)).map(|output| output.node).collect()
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
