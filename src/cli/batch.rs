@@ -268,7 +268,9 @@ impl Batch {
         let (mut runs, mut all, mut due) = (std::collections::HashSet::new(), 0, 0);
         for (index, task) in tasks.sweep.tasks.iter().enumerate() {
             let (word, reason) = match tasks.standing(&session, task) {
-                Standing::Holds(record) => (record.state.word(), "nothing has changed".to_owned()),
+                Standing::Holds(record) => {
+                    (record.state.word(), unchanged_in_words(record.state).to_owned())
+                }
                 Standing::Due(found) => {
                     due += 1;
                     let forecast = tasks.forecast(&mut session, task).into_iter();
@@ -372,6 +374,14 @@ impl Batch {
     }
 }
 
+/// Why a task is not run.
+fn unchanged_in_words(state: State) -> &'static str {
+    match state {
+        State::Done => "nothing has changed",
+        State::Failed => "nothing has changed: --retry runs it again",
+    }
+}
+
 /// What became of tasks.
 #[derive(Default)]
 struct Counts {
@@ -442,7 +452,7 @@ impl Hearer for Teller<'_> {
         let nodes = record.nodes.iter().map(|(word, count)| format!("{count} {word}"));
         let rest = match was_run {
             true => format!("{:7.2} s  {}", record.seconds, Vec::from_iter(nodes).join(", ")),
-            false => "nothing has changed".to_owned(),
+            false => unchanged_in_words(record.state).to_owned(),
         };
         let longest = self.longest;
         print(&format!(

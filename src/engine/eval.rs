@@ -10,7 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use maquette_graph::files::Known;
 use maquette_graph::{Graph, GraphNode, GraphOutput, UnknownType};
-use maquette_node::CancelToken;
+use maquette_node::limit::NoRoom;
+use maquette_node::{CancelToken, ReadError};
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
 use maquette_syntax::error::in_words;
@@ -34,6 +35,7 @@ mod trace;
 mod why;
 
 use cache::{Cache, Values};
+use compute::ChangedMeanwhile;
 pub use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use guard::{Guards, NotAsWanted};
@@ -198,6 +200,16 @@ impl Evaluation {
     pub(crate) fn unknown(&self) -> impl Iterator<Item = Problem> {
         let errors = self.news.iter().filter_map(|news| news.error.as_ref());
         errors.filter_map(|error| error.downcast::<UnknownType>()?.0.clone())
+    }
+
+    /// Whether a node failed for want of memory, or because a file could not be read: it may succeed another time.
+    pub(crate) fn may_pass(&self) -> bool {
+        let mut errors = self.news.iter().filter_map(|news| news.error.as_ref());
+        errors.any(|error| {
+            error.downcast::<NoRoom>().is_some()
+                || error.downcast::<ReadError>().is_some()
+                || error.downcast::<ChangedMeanwhile>().is_some()
+        })
     }
 
     /// The value of a node's output, both by their place in the graph, if it was asked for and computed.

@@ -223,7 +223,7 @@ impl Session {
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
         first(self);
         let evaluator = &self.evaluator;
-        let (written, unwritten) =
+        let (written, unwritten, is_refused) =
             folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);
         if written.iter().any(|file| !file.unchanged) {
@@ -238,7 +238,8 @@ impl Session {
         }
         let complete = !unwritten.iter().any(|problem| problem.severity == Severity::Error);
         problems.extend(unwritten);
-        Ok(Produced { evaluation, written, complete, problems })
+        let may_pass = is_refused || evaluation.may_pass();
+        Ok(Produced { evaluation, written, complete, may_pass, problems })
     }
 
     /// Writes the outputs of a run to a folder: each file whole or not at all. Gives the files, and what could not be written.
@@ -250,7 +251,10 @@ impl Session {
         let outputs = Vec::from_iter(finished.graph.outputs());
         let cancel = CancelToken::default();
         let Finished { graph, evaluation, .. } = finished;
-        folder.write(&outputs, evaluation, graph, &self.catalog, &self.evaluator, &cancel)
+        let (catalog, evaluator) = (&self.catalog, &self.evaluator);
+        let (written, unwritten, _) =
+            folder.write(&outputs, evaluation, graph, catalog, evaluator, &cancel);
+        (written, unwritten)
     }
 
     /// Finds out what the last process knew of the files in a folder of outputs.
@@ -566,6 +570,9 @@ pub struct Produced {
     pub written: Vec<Written>,
     /// Whether every file could be written whose value is there.
     pub complete: bool,
+    /// Whether something failed for want of memory or disk space, or because a file could not be read or written: the same run may
+    /// succeed another time.
+    pub may_pass: bool,
     /// What failed, what nodes warn of, what does not hold, and what could not be written.
     pub problems: Vec<Problem>,
 }

@@ -108,7 +108,12 @@ impl Batch<'_> {
             return Some(format!("`{name}` may have changed and was not read"));
         }
         if record.state == State::Failed {
-            return self.retries.then(|| "it failed".to_owned());
+            let why = match (self.retries, record.may_pass) {
+                (_, true) => "it failed for want of memory or disk space, or of access to a file",
+                (true, false) => "it failed",
+                (false, false) => return None,
+            };
+            return Some(why.to_owned());
         }
         record.as_read.clone_from(&files.as_read);
         let what = self.changed_file(record)?;
@@ -221,6 +226,7 @@ impl Batch<'_> {
             state: if has_error { State::Failed } else { State::Done },
             values: names.zip(task.row.values.iter().cloned()).collect(),
             seconds: start.elapsed().as_secs_f64(),
+            may_pass: has_error && done.may_pass,
             nodes: counts(&done.trace),
             outputs: done.outputs,
             picture,
@@ -254,7 +260,9 @@ impl Batch<'_> {
         let outputs = written
             .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
             .collect();
-        Done { outputs, picture, trace: produced.trace(), problems: produced.problems }
+        let (trace, may_pass, problems) =
+            (produced.trace(), produced.may_pass, produced.problems);
+        Done { outputs, picture, trace, may_pass, problems }
     }
 
     /// The folder of a task's outputs.
@@ -328,6 +336,7 @@ struct Done {
     outputs: Vec<Output>,
     picture: Option<Vec<u8>>,
     trace: RunTrace,
+    may_pass: bool,
     problems: Vec<Problem>,
 }
 

@@ -282,4 +282,4 @@ impl Run<'_> {
 /// A lost result cannot be computed again.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("a file that it reads has just been changed; run it again")]
-struct ChangedMeanwhile;
+pub(super) struct ChangedMeanwhile;

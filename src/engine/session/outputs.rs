@@ -264,7 +264,8 @@ impl OutputFolder {
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
-    /// written is a problem; the file that was there before stays. What files cannot tell is a warning. Stops early if cancelled.
+    /// written is a problem; the file that was there before stays. What files cannot tell is a warning. Stops early if cancelled. Says,
+    /// too, whether the system refused a file.
     pub(super) fn write(
         &self,
         outputs: &[&GraphOutput],
@@ -273,7 +274,7 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &Evaluator,
         cancel: &CancelToken,
-    ) -> (Vec<Written>, Vec<Problem>) {
+    ) -> (Vec<Written>, Vec<Problem>, bool) {
         let folders: BTreeSet<PathBuf> =
             outputs.iter().map(|output| self.folder_of(output)).collect();
         let mut sources = Sources::of(graph);
@@ -289,17 +290,20 @@ impl OutputFolder {
             false => self.output(output, evaluation, graph, signature(output), &destination),
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
-        let (mut files, mut problems) = (Vec::new(), Vec::new());
+        let (mut files, mut problems, mut is_refused) = (Vec::new(), Vec::new(), false);
         for (output, result) in outputs.iter().zip(results) {
             match result {
                 Ok(written) => {
                     problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
                     files.extend(written);
                 }
-                Err(problem) => problems.push(*problem),
+                Err(unwritten) => {
+                    is_refused |= unwritten.is_refused;
+                    problems.push(*unwritten.problem);
+                }
             }
         }
-        (files, problems)
+        (files, problems, is_refused)
     }
 
     /// What the files of an output, which are right now, cannot tell of its value.
@@ -321,7 +325,7 @@ impl OutputFolder {
         graph: &Graph,
         signature: Option<Signature>,
         destination: &Destination<'_>,
-    ) -> Result<Vec<Written>, Box<Problem>> {
+    ) -> Result<Vec<Written>, Unwritten> {
         let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
         };
@@ -332,7 +336,8 @@ impl OutputFolder {
         let problem = |message: String, help: &str| {
             let place = (output.source.clone(), output.span);
             let problem = Problem::new(Severity::Error, code::FAILED, place, message);
-            Box::new(Problem { help: help.into(), ..problem })
+            let problem = Box::new(Problem { help: help.into(), ..problem });
+            Unwritten { problem, is_refused: false }
         };
         let mut start = Instant::now();
         let cannot = |error| problem(format!("cannot write `{}`: {error}", output.name), "");
@@ -371,7 +376,9 @@ impl OutputFolder {
                     }
                     _ => "--out chooses another folder",
                 };
-                problem(format!("cannot write {}: {refused}", path.display()), help)
+                let message = format!("cannot write {}: {refused}", path.display());
+                let is_refused = !matches!(refused, Refused::Source(_));
+                Unwritten { is_refused, ..problem(message, help) }
             })?;
             let seconds = start.elapsed().as_secs_f64();
             start = Instant::now();
@@ -447,6 +454,13 @@ impl OutputFolder {
     fn lock(&self) -> MutexGuard<'_, HashMap<String, Known>> {
         self.known.lock().unwrap_or_else(|broken| broken.into_inner())
     }
+}
+
+/// Why an output was not written.
+struct Unwritten {
+    problem: Box<Problem>,
+    /// Whether the system, or what is in the folder, refused it: then it may be written another time.
+    is_refused: bool,
 }
 
 /// What files are made of: a value, and what they tell of it.
