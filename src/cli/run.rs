@@ -13,7 +13,7 @@ use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity, code, with_those_of_run};
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
@@ -68,7 +68,7 @@ impl Run {
         let cancel = CancelToken::default();
         interrupt::cancels(&cancel);
         let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
-        let checked = self.options.load(&self.graph, catalog);
+        let checked = self.options.load(&self.graph, catalog).without_missing_files();
         let reading_graph = start.elapsed().as_secs_f64();
         let mut problems = checked.problems;
         let Some(graph) = checked.graph.or(checked.partial) else {
@@ -96,8 +96,13 @@ impl Run {
             let graph = session.as_last_known(&graph);
             return match session.dry_run(&graph, &self.only, &into) {
                 Ok(forecasts) => {
+                    let lacks = |it: &Forecast| {
+                        graph.nodes()[it.index].files.iter().any(|file| file.missing.is_some())
+                    };
+                    let is_missing = |problem: &&Problem| problem.code == code::MISSING_FILE;
+                    report(&Vec::from_iter(problems.iter().filter(is_missing).cloned()));
                     print(&forecast(&graph, &forecasts));
-                    Exit::Done
+                    if forecasts.iter().any(lacks) { Exit::Failed } else { Exit::Done }
                 }
                 Err(why) => Exit::Usage(why),
             };
@@ -114,7 +119,7 @@ impl Run {
             caching::finish(&session);
             return Exit::Interrupted;
         }
-        problems.extend(produced.problems.iter().cloned());
+        problems = with_those_of_run(problems, produced.problems.clone());
         self.print(Some((&produced, session.exchange())), &produced.written, &problems, start);
         if self.profile {
             let trace = produced.trace();

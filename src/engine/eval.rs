@@ -277,6 +277,14 @@ fn failure(node: &GraphNode, error: &Error) -> Problem {
     if let Some(refused) = error.downcast::<NotAsWanted>() {
         return refused.problem(node);
     }
+    let unread = error.downcast::<ReadError>();
+    let missing = unread.and_then(|unread| {
+        let file = node.files.iter().find(|file| file.given == unread.name);
+        file?.missing.as_deref()
+    });
+    if let Some(missing) = missing {
+        return missing.clone();
+    }
     let message = format!("`{}` cannot be computed: {error}", node.name);
     let (code, help) = match error.downcast::<Panic>() {
         Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use maquette_node::reading::{CompanionFiles, Readers, Reading};
 use maquette_node::{Companions, File, ReadError};
-use maquette_syntax::error::in_words;
+use maquette_syntax::error::{Problem, in_words};
 use maquette_value::plain::ending;
 use maquette_value::{Hash, plain};
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,8 @@ pub struct NodeFile {
     pub needed: bool,
     /// The folders that a file named by it must lie in.
     pub roots: Arc<[PathBuf]>,
+    /// What the check reports if the node needs it and it cannot be read.
+    pub missing: Option<Arc<Problem>>,
 }
 
 /// A file that was read, and what the system said of it then.
@@ -232,6 +234,7 @@ pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBu
         path: path.to_owned(),
         needed: false,
         roots: roots.into(),
+        missing: None,
     };
     let found = companions(&file, &plain::read(path).unwrap_or_default(), readers);
     found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
@@ -304,7 +307,8 @@ mod tests {
 
     fn at(path: PathBuf) -> NodeFile {
         let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
-        NodeFile { given: "a.txt".into(), path, needed: true, roots: roots.into_iter().collect() }
+        let roots = roots.into_iter().collect();
+        NodeFile { given: "a.txt".into(), path, needed: true, roots, missing: None }
     }
 
     #[test]

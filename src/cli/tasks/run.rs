@@ -14,7 +14,7 @@ use maquette_golden::sweep::{Picture, Sweep, Task};
 use maquette_graph::{Graph, Options};
 use maquette_node::CancelToken;
 use maquette_render::{Kind, Look, View, picture};
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity, with_those_of_run};
 use maquette_value::Hash;
 
 use super::record::{Output, Record, State, picture_path};
@@ -66,6 +66,7 @@ struct Loaded {
 impl Batch<'_> {
     fn load(&self, session: &Session, task: &Task) -> Loaded {
         let checked = session.load(&self.sweep.graph, &with(&task.row.set, self.options));
+        let checked = checked.without_missing_files();
         let graph = checked.graph.or(checked.partial);
         let made_of = graph.as_ref().and_then(|graph| {
             let files = session.files_of(graph, &task.row.inputs, self.is_forecast)?;
@@ -202,7 +203,7 @@ impl Batch<'_> {
             Some(Ok((graph, warnings))) => {
                 problems.extend(warnings);
                 done = self.produced(session, task, &graph, observer, cancel);
-                problems.append(&mut done.problems);
+                problems = with_those_of_run(problems, std::mem::take(&mut done.problems));
             }
         }
         if cancel.is_cancelled() {

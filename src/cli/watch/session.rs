@@ -295,7 +295,7 @@ impl<'a> Session<'a> {
     fn check_graph(&mut self) {
         return_to(&self.here);
         let Checked { graph, partial, problems, files, subgraphs } =
-            self.command.options.load(&self.command.graph, self.catalog);
+            self.command.options.load(&self.command.graph, self.catalog).without_missing_files();
         let readable = !problems
             .iter()
             .any(|problem| problem.code == code::SYNTAX || problem.source.text.is_empty());

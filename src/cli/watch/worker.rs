@@ -13,8 +13,7 @@ use maquette_graph::Graph;
 use maquette_node::CancelToken;
 use maquette_preview::{Shown, Viewed, Views};
 use maquette_render::picture_of;
-use maquette_syntax::error::in_words;
-use maquette_syntax::error::{Problem, Severity, code};
+use maquette_syntax::error::{Problem, Severity, code, in_words, with_those_of_run};
 use maquette_value::AnyValue;
 
 use crate::inputs::InputOptions;
@@ -238,7 +237,7 @@ fn evaluate(
     let (trace, written, complete) = match produced {
         Ok(Some(produced)) => {
             let trace = produced.trace();
-            problems.extend(produced.problems);
+            problems = with_those_of_run(problems, produced.problems);
             (trace, produced.written, produced.complete)
         }
         Ok(None) => Default::default(),

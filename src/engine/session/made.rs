@@ -52,6 +52,7 @@ impl Session {
             path: path.clone(),
             needed: true,
             roots: [root.clone()].into(),
+            missing: None,
         };
         let inputs = Vec::from_iter(inputs.iter().map(input));
         let known = self.evaluator.known_files();
@@ -64,7 +65,13 @@ impl Session {
                 files.unread.get_or_insert_with(|| within(&root, &file.path));
                 continue;
             }
-            files.by_name.insert(within(&root, &file.path), reads.hash(file).ok()?);
+            let hash = match reads.hash(file) {
+                Ok(hash) => hash,
+                // It is known that there is none: when there is one, that is a change.
+                Err(_) if file.missing.is_some() && !file.path.exists() => None,
+                Err(_) => return None,
+            };
+            files.by_name.insert(within(&root, &file.path), hash);
         }
         files.as_read = known.of(all.map(|file| &*file.path));
         Some(files)
