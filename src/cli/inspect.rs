@@ -106,8 +106,7 @@ impl Inspect {
         };
         let checked = checked.as_far_as_known();
         // What is looked into says itself if it depends on a node of an unknown type or on a missing file.
-        let is_of_node =
-            |it: &Problem| matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE);
+        let is_of_node = |it: &Problem| matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE);
         let is_told = |it: &&Problem| checked.graph.is_none() || !is_of_node(it);
         report(&Vec::from_iter(checked.problems.iter().filter(is_told).cloned()));
         let Some(graph) = checked.graph else { return Exit::Failed };

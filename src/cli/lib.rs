@@ -34,6 +34,7 @@ mod merge;
 mod migrate;
 mod new;
 mod nodes;
+mod openjd;
 mod options;
 mod output;
 mod pin;

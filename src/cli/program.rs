@@ -127,7 +127,12 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
     code.max(1)
 }
 
-fn run_words(packs: &[&Pack], words: Vec<OsString>) -> u8 {
+fn run_words(packs: &[&Pack], mut words: Vec<OsString>) -> u8 {
+    // The format may be left out, so that a word behind a blank is the graph unless it names one.
+    let place = words.windows(2).position(|pair| pair[0] == "--events" && pair[1] == "openjd");
+    if let Some(place) = place {
+        words.splice(place..place + 2, ["--events=openjd".into()]);
+    }
     NAME.get_or_init(|| name_in(words.first()));
     let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,

@@ -231,9 +231,8 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
     let mut open = vec![(folder.to_owned(), 0)];
     while let Some((folder, depth)) = open.pop() {
         let graph = folder.join(name);
-        let is_root = || {
-            std::fs::canonicalize(&folder).ok() == Some(project_root(&folder_of_new(&graph)))
-        };
+        let is_root =
+            || std::fs::canonicalize(&folder).ok() == Some(project_root(&folder_of_new(&graph)));
         if graph.is_file() && is_root() {
             found.push(graph);
         }

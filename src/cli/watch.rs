@@ -206,8 +206,10 @@ impl Watch {
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
         let mut wishes = vec![watch::Wish { path, why: "the graph".into() }];
-        let used =
-            |path: &PathBuf| watch::Wish { path: here.join(path), why: "a graph that it uses".into() };
+        let used = |path: &PathBuf| watch::Wish {
+            path: here.join(path),
+            why: "a graph that it uses".into(),
+        };
         wishes.extend(subgraphs.iter().map(used));
         for (ending, why) in [(LOCK_ENDING, "its lock file"), (PINS_ENDING, "its pins")] {
             let path = here.join(self.graph.with_extension(ending));

@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use maquette_graph::files::Known;
 use maquette_graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use maquette_node::limit::NoRoom;
-use maquette_node::{CancelToken, ReadError};
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
+use maquette_node::{CancelToken, ReadError};
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::{AnyValue, Hash};
@@ -37,7 +37,7 @@ mod why;
 use cache::{Cache, Values};
 use compute::ChangedMeanwhile;
 pub use disk::this_is_a_program;
-pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
+pub use disk::{Diagnosis, Disk, DiskError, Fault, NodeSize, Sizes, Usage};
 use guard::{Guards, NotAsWanted};
 pub use maquette_remote::Exchange;
 use plan::Plan;
@@ -50,6 +50,11 @@ pub use why::{Forecast, explanation};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.
 pub trait Observer: Sync {
+    /// An evaluation begins, in which so many nodes come to an end.
+    fn planned(&self, count: usize) {
+        let _ = count;
+    }
+
     /// So many nodes need not be looked at: nothing that they depend on changed.
     fn unchanged(&self, count: usize) {
         let _ = count;
@@ -431,6 +436,7 @@ impl Evaluator {
     ) -> Evaluation {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
+        observer.planned(plan.wanted.iter().filter(|wanted| **wanted).count());
         observer.unchanged(plan.unchanged());
         let run = Run::new(self, graph, &plan, values, observer, cancel);
         let needs_threads = plan.has_work() || !run.has_values(values);

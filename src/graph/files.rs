@@ -283,9 +283,10 @@ fn hash(bytes: &[u8], companions: &Companions) -> Hash {
     for (name, found) in companions {
         let found = match found {
             // Other names may lead to the same file.
-            Ok(bytes) => {
-                hashes.entry((bytes.as_ptr(), bytes.len())).or_insert_with(|| Hash::of(bytes).to_string()).clone()
-            }
+            Ok(bytes) => hashes
+                .entry((bytes.as_ptr(), bytes.len()))
+                .or_insert_with(|| Hash::of(bytes).to_string())
+                .clone(),
             Err(why) => why.clone(),
         };
         all += &format!("\n{name}\n{found}");

@@ -261,8 +261,7 @@ impl Batch<'_> {
         let outputs = written
             .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
             .collect();
-        let (trace, may_pass, problems) =
-            (produced.trace(), produced.may_pass, produced.problems);
+        let (trace, may_pass, problems) = (produced.trace(), produced.may_pass, produced.problems);
         Done { outputs, picture, trace, may_pass, problems }
     }
 

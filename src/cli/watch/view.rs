@@ -218,6 +218,11 @@ impl Observer for Stubborn {
 struct Both(Box<dyn Observer>, Box<dyn Observer>);
 
 impl Observer for Both {
+    fn planned(&self, count: usize) {
+        self.0.planned(count);
+        self.1.planned(count);
+    }
+
     fn started(&self, node: &str) {
         self.0.started(node);
         self.1.started(node);

@@ -40,6 +40,7 @@ mod program;
 mod record;
 mod seal;
 mod share;
+mod sizes;
 mod usage;
 mod writer;
 
@@ -48,6 +49,7 @@ use entry::Entry;
 use maquette_remote::Remote;
 pub use program::this_is_a_program;
 use seal::{seal, unsealed};
+pub use sizes::{NodeSize, Sizes};
 pub use usage::Usage;
 use writer::{Job, Writer};
 
@@ -186,11 +188,12 @@ impl Disk {
         values
     }
 
-    /// Keeps a result if reading it back is faster than computing it. Returns before it is written. If what was kept before is
+    /// Keeps a result of a node of this type if reading it back is faster than computing it. Returns before it is written. If what was kept before is
     /// lost, the columns that are still there are not `trusted`. Whether it is kept.
     pub(super) fn keep(
         &self,
         key: Hash,
+        node: &str,
         outcome: &Arc<Outcome>,
         values: &Values,
         trusted: bool,
@@ -200,8 +203,8 @@ impl Disk {
         let keeps =
             pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none();
         if keeps {
-            let (outcome, values) = (outcome.clone(), values.clone());
-            self.writer.send(Job::Entry { key, outcome, values, trusted });
+            let (node, outcome, values) = (node.to_owned(), outcome.clone(), values.clone());
+            self.writer.send(Job::Entry { key, node, outcome, values, trusted });
         }
         keeps
     }
@@ -423,7 +426,8 @@ mod tests {
             let outputs = [(value.kind().name, value.hash())].into();
             let outcome = Outcome::known(outputs, Vec::new(), value.size(), 1.0);
             let (key, values) = (Hash::of(b"key"), Values::from(vec![value]));
-            Job::Entry { key, outcome: outcome.into(), values, trusted: true }.run(&store);
+            let (node, outcome) = (String::new(), outcome.into());
+            Job::Entry { key, node, outcome, values, trusted: true }.run(&store);
             assert_eq!(store.entry_path(key).exists(), is_intact, "{n}");
             let columns = fs::read_dir(store.home.join("columns")).unwrap().count();
             assert_eq!(columns, usize::from(is_intact && n == 10_000));

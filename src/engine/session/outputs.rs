@@ -234,9 +234,11 @@ impl OutputFolder {
         let is_right = |name: &str, made_of| {
             let known = self.lock();
             let files = known.get(name).filter(|known| known.made_of == made_of);
-            files.is_some_and(|known| known.files.iter().all(|(file, left)| {
-                left.as_ref().is_some_and(|left| Stamp::of(&file.path) == Some(left.stamp))
-            }))
+            files.is_some_and(|known| {
+                known.files.iter().all(|(file, left)| {
+                    left.as_ref().is_some_and(|left| Stamp::of(&file.path) == Some(left.stamp))
+                })
+            })
         };
         self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
     }

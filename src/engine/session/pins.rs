@@ -7,8 +7,7 @@ use maquette_syntax::error::{Problem, code};
 
 use super::Finished;
 use crate::writing::{
-    Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,
-    sweep,
+    Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty, sweep,
 };
 
 /// Why pins are not changed.
