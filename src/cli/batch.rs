@@ -174,8 +174,13 @@ impl Batch {
     fn text(&self) -> Result<(PathBuf, String), String> {
         let read = plain::read_text(&self.file);
         let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.display()))?;
-        let is_sweep = first_word(&text) == "Sweep";
         let has_options = !self.values.is_empty() || self.scans.is_some();
+        let is_named_so = || {
+            let name = self.file.to_string_lossy();
+            !has_options && name.ends_with(maquette_golden::sweep::ENDING)
+        };
+        // What is wrong with a sweep is said as of any other file.
+        let is_sweep = first_word(&text) == "Sweep" || is_named_so();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {

@@ -352,6 +352,11 @@ impl Evaluator {
         Self { verify: share, ..self }
     }
 
+    /// Returns true if results in the cache are computed all the same.
+    pub(crate) fn is_verifying(&self) -> bool {
+        0.0 < self.verify
+    }
+
     /// The same, with at most this many bytes for results and nodes under way together. Else it is nine tenths of what the machine,
     /// or the group of processes that this one is in, has left, where the system tells that.
     ///

@@ -218,7 +218,11 @@ impl Session {
         nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty()));
         let (mut verdicts, open) = self.unjudged(graph, &expected);
         let evaluator = &mut self.evaluator;
-        let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
+        let mut values = match evaluator.is_verifying() {
+            // What is known of a file may turn out to be wrong.
+            true => outputs.iter().map(|output| output.node).collect(),
+            false => folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator),
+        };
         values.extend(expect::nodes_of(&open));
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
         first(self);

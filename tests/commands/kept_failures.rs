@@ -83,3 +83,26 @@ fn what_fails_by_itself_is_kept_and_says_how_it_is_run_again() {
     }
     assert_eq!(batch(&project, &["--retry"]), (Some(1), "failed".into(), true));
 }
+
+#[test]
+fn a_sweep_in_the_middle_of_a_merge_says_so() {
+    let project = project(TETRAHEDRON);
+    let side = |value: u32| format!("Sweep(graph: \"doll.ron\", over: Values(\"levels\", [{value}]))");
+    let (ours, theirs) = (side(1), side(2));
+    let text = format!("<<<<<<< ours\n{ours}\n=======\n{theirs}\n>>>>>>> theirs\n");
+    for (name, words) in
+        [("a.sweep.ron", &["batch", "a.sweep.ron", "-n"][..]), ("c.ron", &["migrate", "c.ron"])]
+    {
+        fs::write(project.folder().join(name), &text).unwrap();
+        let output = project.maquette(words);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(told.contains("error[G001]: this file has the conflict marks of a merge"), "{told}");
+        assert!(told.contains(&format!("{name}:1:1")), "{told}");
+        assert_eq!(output.status.code(), Some(1));
+    }
+    // What else is wrong with it is said as of any other file.
+    fs::write(project.folder().join("a.sweep.ron"), ours.replace("Sweep", "Sweeep")).unwrap();
+    let output = project.maquette(&["batch", "a.sweep.ron", "-n"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("a sweep is Sweep(..), not "), "{told}");
+}

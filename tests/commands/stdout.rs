@@ -59,6 +59,7 @@ fn project() -> Project {
         ("lib.ron", USED),
         ("use.ron", USER),
         ("other.ron", &other),
+        ("doll.test.ron", "Test(graph: \"doll.ron\")"),
         ("long.ron", &long),
     ] {
         fs::write(project.folder().join(name), text).unwrap();
@@ -84,11 +85,11 @@ const TRIED: [(&str, &str); 38] = [
     ("inline", "inline use.ron whole"),
     ("diff", "diff doll.ron long.ron --json"),
     ("merge", "merge long.ron long.ron long.ron --print"),
+    ("migrate", "migrate long.ron"),
     ("lock", "lock use.ron"),
     ("update", "lock use.ron ; update use.ron"),
     ("test", "test ."),
     ("compare", "compare tet.obj tet.obj"),
-    ("render", "render tet.obj picture.png"),
     ("replay", "run doll.ron ; replay out/doll/out.obj"),
     ("sheet", "sheet doll.ron"),
     ("nodes", "nodes"),
@@ -108,8 +109,8 @@ const TRIED: [(&str, &str); 38] = [
     ("", "--version"),
 ];
 
-/// These print nothing if all goes well, or only what an editor asks for.
-const SILENT: [&str; 2] = ["migrate", "lsp"];
+/// One writes a file and prints nothing, the other one prints what an editor asks for.
+const SILENT: [&str; 2] = ["render", "lsp"];
 
 /// Runs a command in a new project after those that prepare it.
 fn run(words: &str, stdout: impl Into<Stdio>) -> Output {

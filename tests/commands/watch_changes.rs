@@ -45,7 +45,7 @@ fn project() -> Project {
 /// Writes the sizes in each result into a line of a file.
 #[cfg(unix)]
 const NOTE: &str =
-    "awk '$1==\"v\" && $2>0 {s=s\" \"$2} END {print s}' \"$MAQUETTE_OUT/o.obj\" >> done.txt";
+    "awk '$1==\"v\" && $2>0 {s=s\" \"int($2)} END {print s}' \"$MAQUETTE_OUT/o.obj\" >> done.txt";
 
 fn noted(project: &Project) -> Vec<String> {
     let text = fs::read_to_string(project.folder().join("done.txt")).unwrap_or_default();
@@ -170,7 +170,7 @@ fn the_folder_of_a_watch_can_be_made_again() {
         sleep(Duration::from_millis(600));
         fs::create_dir(project.folder()).unwrap();
         fill(project.folder(), size);
-        let holds = |text: &str| text.contains(&format!("v {size} 0 0"));
+        let holds = |text: &str| text.contains(&format!("v {size}.0 0.0 0.0"));
         let start = Instant::now();
         while !fs::read_to_string(&output).is_ok_and(|text| holds(&text)) {
             assert!(start.elapsed() < Duration::from_secs(60), "the output did not come back");
