@@ -26,6 +26,7 @@ fn project() -> Project {
     let project = Project::new(GRAPH);
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
     fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
+    wait();
     project
 }
 
@@ -51,18 +52,27 @@ fn results(project: &Project) -> Vec<PathBuf> {
         .collect()
 }
 
+/// Drops the results from the cache, and nothing else.
+fn drop_results(project: &Project) {
+    let dropped = results(project);
+    assert!(!dropped.is_empty());
+    dropped.iter().for_each(|file| fs::remove_file(file).unwrap());
+}
+
+/// Long enough for a file to be told from one that is written later.
+fn wait() {
+    std::thread::sleep(Duration::from_millis(150));
+}
+
 #[test]
 fn what_the_cache_has_dropped_is_told_if_it_is_needed() {
     let project = project();
     told(&project, &["run", "doll.ron"]);
-    told(&project, &["batch", "doll.ron", "--sweep", "lift=1"]);
-    std::thread::sleep(Duration::from_millis(150));
+    wait();
     let cached = ["cached mesh", "cached lifted", "cached other"].map(str::to_owned);
     assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
     assert!(told(&project, &["why", "doll.ron", "lifted"]).1.contains("`lifted` does not run"));
-    let dropped = results(&project);
-    assert!(!dropped.is_empty());
-    dropped.iter().for_each(|file| fs::remove_file(file).unwrap());
+    drop_results(&project);
     // The outputs are there, so that nothing is needed.
     assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
     let (_, why) = told(&project, &["why", "doll.ron", "lifted"]);
@@ -70,18 +80,24 @@ fn what_the_cache_has_dropped_is_told_if_it_is_needed() {
     fs::remove_file(project.folder().join("out/doll/out.obj")).unwrap();
     let (lines, text) = told(&project, &["run", "doll.ron", "-n"]);
     assert_eq!(lines, ["runs mesh", "runs lifted", "cached other"], "{text}");
-    fs::remove_file(project.folder().join("out/doll.sweep/lift-1/out.obj"))
-        .or_else(|_| {
-            let task = fs::read_dir(project.folder().join("out/doll.sweep")).unwrap();
-            let task = task.flatten().map(|it| it.path().join("out.obj")).find(|it| it.exists());
-            fs::remove_file(task.unwrap())
-        })
-        .unwrap();
-    let (_, text) = told(&project, &["batch", "doll.ron", "--sweep", "lift=1", "-n"]);
-    assert!(text.contains("2 nodes, 2 of them new"), "{text}");
     // What was forecast comes true.
     let (_, text) = told(&project, &["run", "doll.ron"]);
-    assert!(text.contains("computed  lifted"), "{text}");
+    assert!(text.contains("computed  lifted") && text.contains("cached    other"), "{text}");
+}
+
+#[test]
+fn a_batch_knows_what_the_cache_has_dropped() {
+    let project = project();
+    let batch = ["batch", "doll.ron", "--sweep", "lift=1", "--out", "all"];
+    told(&project, &batch);
+    wait();
+    let output = |folder: std::io::Result<fs::DirEntry>| folder.unwrap().path().join("out.obj");
+    let outputs = fs::read_dir(project.folder().join("all")).unwrap().map(output);
+    fs::remove_file(outputs.into_iter().find(|it| it.exists()).unwrap()).unwrap();
+    let forecast = || told(&project, &[&batch[..], &["-n"]].concat()).1;
+    assert!(forecast().contains("; 0 nodes, 0 of them new"), "{}", forecast());
+    drop_results(&project);
+    assert!(forecast().contains("; 2 nodes, 2 of them new"), "{}", forecast());
 }
 
 #[test]

@@ -49,13 +49,16 @@ fn project() -> Project {
 )
 "#,
     );
-    let other = fs::read_to_string(project.graph()).unwrap().replace("5.0", "6.0");
-    let long = long_graph();
-    fs::create_dir(project.folder().join("scans")).unwrap();
+        let long = long_graph();
+    let graph = fs::read_to_string(project.graph()).unwrap();
+    let other = graph.replace("5.0", "6.0");
+    ["scans", "graphs"].map(|folder| fs::create_dir(project.folder().join(folder)).unwrap());
     for (name, text) in [
         ("maquette.toml", ""),
         ("tet.obj", TETRAHEDRON),
         ("scans/tet.obj", TETRAHEDRON),
+        ("graphs/tet.obj", TETRAHEDRON),
+        ("graphs/doll.ron", &graph),
         ("lib.ron", USED),
         ("use.ron", USER),
         ("other.ron", &other),
@@ -94,7 +97,7 @@ const TRIED: [(&str, &str); 38] = [
     ("sheet", "sheet doll.ron"),
     ("nodes", "nodes"),
     ("nodes", "nodes --json"),
-    ("gallery", "gallery ."),
+    ("gallery", "gallery graphs"),
     ("inspect", "inspect doll.ron lifted"),
     ("inspect", "inspect doll.ron lifted --table vertices --csv -"),
     ("why", "why doll.ron lifted"),

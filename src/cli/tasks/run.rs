@@ -317,8 +317,8 @@ impl Batch<'_> {
     pub(super) fn sweep_records(&self) {
         let (root, sources) = (self.out.join(super::record::FOLDER), Sources::default());
         let destination = self.destination(&sources);
-        let of_tasks = self.sweep.tasks.iter().filter_map(|task| Path::new(&task.name).parent());
-        let folders: BTreeSet<&Path> = of_tasks.collect();
+        let tasks = self.sweep.tasks.iter().map(|task| Path::new(&task.name));
+        let folders: BTreeSet<&Path> = tasks.flat_map(|task| task.ancestors().skip(1)).collect();
         folders.iter().for_each(|folder| destination.sweep(&root.join(folder)));
     }
 
