@@ -8,6 +8,7 @@ use clap::Args;
 use maquette_engine::eval::Observer;
 use maquette_engine::session::Session;
 use maquette_golden::sweep::Sweep;
+use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
@@ -16,7 +17,8 @@ use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
 use super::caching::{self, CacheOptions};
-use super::events::{Events, Listener};
+use super::events::{EventFormat, Events, Listener};
+use super::openjd::JobProgress;
 use super::replay::ProvenanceOptions;
 use super::{
     Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_document, print_json,
@@ -25,8 +27,8 @@ use super::{
 use crate::Shown;
 use crate::tasks as batch;
 use crate::tasks::{
-    Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, at_a_time,
-    default_folder,
+    Batch as Tasks, Ended, Engine, Handover, Hearer, JobParameter, Running, Standing, State,
+    at_a_time, default_folder,
 };
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
@@ -81,9 +83,9 @@ pub(crate) struct Batch {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Print what happens as it happens, one JSON object a line.
-    #[arg(long, conflicts_with = "json")]
-    events: bool,
+    /// Print what happens as it happens: one JSON object a line, or, by `openjd`, lines for an agent of Open Job Description.
+    #[arg(long, value_name = "FORMAT", conflicts_with = "json", num_args = 0..=1, require_equals = true, default_missing_value = "json")]
+    events: Option<EventFormat>,
 }
 
 fn range(text: &str) -> Result<(usize, usize), String> {
@@ -138,9 +140,10 @@ impl Batch {
             options: &options,
             signs: self.provenance.signs(),
             retries: self.retry,
+            is_forecast: self.dry_run,
         };
         if let Some(engine) = self.emit {
-            return self.emit(engine, &tasks);
+            return self.emit(engine, &tasks, catalog);
         }
         // The page is made of a changed list, too, and its changes are reported then.
         let handover = self.handover.as_deref().map_or(Ok(()), |hash| tasks.check_handover(hash));
@@ -172,8 +175,13 @@ impl Batch {
     fn text(&self) -> Result<(PathBuf, String), String> {
         let read = plain::read_text(&self.file);
         let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.shown()))?;
-        let is_sweep = first_word(&text) == "Sweep";
         let has_options = !self.values.is_empty() || self.scans.is_some();
+        let is_named_so = || {
+            let name = self.file.to_string_lossy();
+            !has_options && name.ends_with(maquette_golden::sweep::ENDING)
+        };
+        // What is wrong with a sweep is said as of any other file.
+        let is_sweep = first_word(&text) == "Sweep" || is_named_so();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {
@@ -191,7 +199,7 @@ impl Batch {
         Ok((beside, batch::text_of(&self.file, self.scans.as_deref(), &self.values)?))
     }
 
-    fn emit(&self, engine: Engine, tasks: &Tasks<'_>) -> Exit {
+    fn emit(&self, engine: Engine, tasks: &Tasks<'_>, catalog: &Catalog) -> Exit {
         let folder = match std::env::current_dir() {
             Ok(folder) => folder.display().to_string(),
             Err(error) => return Exit::Usage(format!("there is no current folder: {error}")),
@@ -203,10 +211,24 @@ impl Batch {
         let sweep = tasks.sweep;
         let name = sweep.source.name.file_stem().unwrap_or_default().to_string_lossy();
         let words = [self.words(), vec!["--handover".into(), hash]].concat();
-        let handover =
-            Handover { name: &name, words: &words, tasks: sweep.tasks.len(), folder: &folder };
+        let parameters = match engine {
+            Engine::Openjd => self.job_parameters(sweep, catalog),
+            Engine::Slurm | Engine::Hq | Engine::Lines => Vec::new(),
+        };
+        let (words, parameters, tasks) = (&words[..], &parameters[..], sweep.tasks.len());
+        let handover = Handover { name: &name, words, parameters, tasks, folder: &folder };
         print_document(&handover.to(engine));
         Exit::Done
+    }
+
+    /// The parameters of the graph that neither this command nor the sweep sets.
+    fn job_parameters(&self, sweep: &Sweep, catalog: &Catalog) -> Vec<JobParameter> {
+        let options = self.options.all();
+        let checked = Graph::load(&sweep.graph, catalog, &options);
+        let Some(graph) = checked.graph.or(checked.partial) else { return Vec::new() };
+        let swept = sweep.tasks.iter().flat_map(|task| &task.row.set).map(|set| &set.target[..]);
+        let set = options.set.iter().map(|(name, _)| &name[..]).chain(swept).collect();
+        JobParameter::all(&graph, &set, options.draft)
     }
 
     /// The words of this command, without those that say which tasks.
@@ -268,7 +290,9 @@ impl Batch {
         let (mut runs, mut all, mut due) = (std::collections::HashSet::new(), 0, 0);
         for (index, task) in tasks.sweep.tasks.iter().enumerate() {
             let (word, reason) = match tasks.standing(&session, task) {
-                Standing::Holds(record) => (record.state.word(), "nothing has changed".to_owned()),
+                Standing::Holds(record) => {
+                    (record.state.word(), unchanged_in_words(record.state).to_owned())
+                }
                 Standing::Due(found) => {
                     due += 1;
                     let forecast = tasks.forecast(&mut session, task).into_iter();
@@ -298,7 +322,7 @@ impl Batch {
             Ok(path) => path,
             Err(why) => return Exit::Usage(why),
         };
-        if !self.json && !self.events {
+        if !self.json && self.events.is_none() {
             print(&format!("{}\n", path.shown()));
         }
         let missing = tasks.never_handed_over();
@@ -323,9 +347,15 @@ impl Batch {
     ) -> Exit {
         let cancel = CancelToken::default();
         interrupt::cancels(&cancel);
-        let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
-        let observer: &(dyn Observer + Sync) = events.as_ref().map_or(&(), |events| events);
-        let teller = Teller::new(tasks.sweep, self.json, self.events);
+        let events = Events::new(Listener::of_stdout(), cancel.clone());
+        let job = JobProgress::new(wanted.len(), cancel.clone());
+        let observer: &(dyn Observer + Sync) = match self.events {
+            Some(EventFormat::Json) => &events,
+            Some(EventFormat::Openjd) => &job,
+            None => &(),
+        };
+        let is_openjd = self.events == Some(EventFormat::Openjd);
+        let teller = Teller::new(tasks.sweep, self.json, self.events, is_openjd.then_some(&job));
         let jobs = at_a_time(usize::from(self.jobs), wanted.len());
         let ended = tasks.run_all(
             wanted,
@@ -357,9 +387,12 @@ impl Batch {
             let mut document = json!({ "tasks": records, "sheet": place, "seconds": seconds });
             put_problems(&mut document, problems);
             print_json(&document);
-        } else if let Some(listener) = self.events.then(Listener::of_stdout) {
+        } else if self.events == Some(EventFormat::Json) {
             let fields = json!({ "done": done, "failed": failed, "ran": ran, "sheet": place, "seconds": seconds });
-            listener.tell("batch", fields);
+            Listener::of_stdout().tell("batch", fields);
+        } else if is_openjd {
+            let all = counted(wanted.len(), "task");
+            job.status(&format!("{all}: {done} done, {failed} failed, {ran} run now"));
         } else {
             let failed = if failed == 0 { String::new() } else { format!(", {failed} failed") };
             print(&format!(
@@ -369,6 +402,14 @@ impl Batch {
             ));
         }
         if failed == 0 || self.warm { Exit::Done } else { Exit::Failed }
+    }
+}
+
+/// Why a task is not run.
+fn unchanged_in_words(state: State) -> &'static str {
+    match state {
+        State::Done => "nothing has changed",
+        State::Failed => "nothing has changed: --retry runs it again",
     }
 }
 
@@ -386,15 +427,21 @@ struct Counts {
 struct Teller<'a> {
     sweep: &'a Sweep,
     json: bool,
-    events: bool,
+    events: Option<EventFormat>,
+    job: Option<&'a JobProgress>,
     longest: usize,
     counts: Mutex<Counts>,
 }
 
 impl<'a> Teller<'a> {
-    fn new(sweep: &'a Sweep, json: bool, events: bool) -> Self {
+    fn new(
+        sweep: &'a Sweep,
+        json: bool,
+        events: Option<EventFormat>,
+        job: Option<&'a JobProgress>,
+    ) -> Self {
         let longest = sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
-        Self { sweep, json, events, longest, counts: Mutex::default() }
+        Self { sweep, json, events, job, longest, counts: Mutex::default() }
     }
 
     fn into_counts(self) -> Counts {
@@ -406,7 +453,9 @@ impl<'a> Teller<'a> {
 
 impl Hearer for Teller<'_> {
     fn begins(&self, index: usize) {
-        if self.events {
+        if let Some(job) = self.job {
+            job.task_begins(&self.sweep.tasks[index].name);
+        } else if self.events.is_some() {
             let fields = json!({ "task": index, "name": self.sweep.tasks[index].name });
             Listener::of_stdout().tell("task-started", fields);
         }
@@ -420,7 +469,7 @@ impl Hearer for Teller<'_> {
         }
         counts.ran += usize::from(was_run);
         let problems = record.problems.iter().filter(|problem| problem["severity"] == "error");
-        if self.json || self.events {
+        if self.json || self.events == Some(EventFormat::Json) {
             let output = |it: &batch::Output| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() });
             let fields = json!({
                 "task": index,
@@ -433,23 +482,30 @@ impl Hearer for Teller<'_> {
                 "outputs": Vec::from_iter(record.outputs.iter().map(output)),
                 "problems": record.problems,
             });
-            match self.events {
-                true => Listener::of_stdout().tell("task", fields),
-                false => counts.ended.push(fields),
+            match self.json {
+                true => counts.ended.push(fields),
+                false => Listener::of_stdout().tell("task", fields),
             }
             return;
         }
         let nodes = record.nodes.iter().map(|(word, count)| format!("{count} {word}"));
         let rest = match was_run {
             true => format!("{:7.2} s  {}", record.seconds, Vec::from_iter(nodes).join(", ")),
-            false => "nothing has changed".to_owned(),
+            false => unchanged_in_words(record.state).to_owned(),
         };
         let longest = self.longest;
-        print(&format!(
-            "{:<6}  {index:>4}  {:<longest$}  {rest}\n",
-            record.state.word(),
-            record.name
-        ));
+        match self.job {
+            Some(job) => {
+                job.task_ended();
+                let mut messages = problems.clone().filter_map(|it| it["message"].as_str());
+                messages.next().into_iter().for_each(|why| job.fail(why));
+            }
+            None => print(&format!(
+                "{:<6}  {index:>4}  {:<longest$}  {rest}\n",
+                record.state.word(),
+                record.name
+            )),
+        }
         for problem in problems {
             let text = |name: &str| problem[name].as_str().unwrap_or_default().to_owned();
             let help =

@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use maquette_engine::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
+use maquette_engine::eval::{Diagnosis, Disk, DiskError, Fault, NodeSize, Sizes, Usage};
 use maquette_engine::session::{CacheServer, default_folder, disk_size, size};
 use maquette_graph::catalog::Catalog;
 use serde_json::json;
 
-use super::{Exit, counted, in_bytes, print, print_json};
+use super::{Exit, column_width, counted, eprint, in_bytes, print, print_json};
 use crate::Shown;
 
 #[derive(Args)]
@@ -28,6 +28,12 @@ enum Action {
         /// The server through which machines share results [default: $MAQUETTE_CACHE_REMOTE].
         #[arg(long, value_name = "URL")]
         cache_remote: Option<String>,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print which nodes of which graphs the results are of, the largest first.
+    Du {
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
@@ -69,15 +75,14 @@ impl Cache {
                 let usage = Disk::usage(folder).map_err(wrong)?;
                 print_usage(folder, &usage, server(cache_remote)?.as_ref(), *json);
             }
+            Action::Du { json } => {
+                print_sizes(folder, &Disk::sizes(folder).map_err(wrong)?, *json);
+            }
             Action::Gc { limit } => {
                 let limit = limit.map_or_else(disk_size, Ok)?;
-                let dropped = Disk::gc(folder, limit).map_err(wrong)?;
-                print(&format!("dropped {}\n", bytes(dropped)));
+                return drop_down_to(folder, limit);
             }
-            Action::Clear => {
-                let dropped = Disk::gc(folder, 0).map_err(wrong)?;
-                print(&format!("dropped {}\n", bytes(dropped)));
-            }
+            Action::Clear => return drop_down_to(folder, 0),
             Action::Doctor { dry_run, json } => {
                 let diagnosis = Disk::doctor(folder, *dry_run).map_err(wrong)?;
                 print_diagnosis(folder, &diagnosis, *dry_run, *json);
@@ -86,6 +91,22 @@ impl Cache {
             }
         }
         Ok(Exit::Done)
+    }
+}
+
+/// Drops results until at most `limit` bytes are left.
+fn drop_down_to(folder: &Path, limit: u64) -> Result<Exit, String> {
+    match Disk::gc(folder, limit) {
+        Ok(dropped) => {
+            print(&format!("dropped {}\n", bytes(dropped)));
+            Ok(Exit::Done)
+        }
+        Err(error @ DiskError::Kept { .. }) => {
+            let help = "make the folder writable, or name another one with --cache";
+            eprint(&format!("error: {error}\n  = help: {help}\n"));
+            Ok(Exit::Failed)
+        }
+        Err(error) => Err(error.to_string()),
     }
 }
 
@@ -133,6 +154,52 @@ fn print_usage(folder: &Path, usage: &Usage, server: Option<&Server>, json: bool
         let told = answer.as_ref().map_or_else(|why| &why[..], |()| "answers");
         print(&format!("{address}: {told}\n"));
     }
+}
+
+fn print_sizes(folder: &Path, sizes: &Sizes, json: bool) {
+    let results = sizes.nodes.iter().map(|size| size.results).sum::<usize>();
+    let all = sizes.other + sizes.nodes.iter().map(|size| size.bytes).sum::<u64>();
+    if json {
+        let node = |size: &NodeSize| {
+            let graph = size.graph.as_ref().map(|graph| graph.display().to_string());
+            json!({
+                "graph": graph,
+                "node": size.node,
+                "type": size.kind,
+                "results": size.results,
+                "bytes": size.bytes,
+            })
+        };
+        return print_json(&json!({
+            "folder": folder.display().to_string(),
+            "nodes": sizes.nodes.iter().map(node).collect::<Vec<_>>(),
+            "results": results,
+            "other": sizes.other,
+            "bytes": all,
+        }));
+    }
+    let here = std::env::current_dir().unwrap_or_default();
+    let rows = sizes.nodes.iter().map(|size| {
+        let graph = size.graph.as_ref().map_or_else(
+            || "-".to_owned(),
+            |graph| graph.strip_prefix(&here).unwrap_or(graph).display().to_string(),
+        );
+        let kind = if size.kind.is_empty() { "-" } else { &size.kind };
+        (bytes(size.bytes), graph, size.node.as_deref().unwrap_or("-"), kind)
+    });
+    let rows = Vec::from_iter(rows);
+    let graphs = column_width(rows.iter().map(|(_, graph, ..)| graph.len()));
+    let nodes = column_width(rows.iter().map(|(_, _, node, _)| node.len()));
+    let mut text = String::new();
+    for (bytes, graph, node, kind) in rows {
+        let _ = writeln!(text, "{bytes:>9}  {graph:<graphs$}  {node:<nodes$}  {kind}");
+    }
+    if sizes.other > 0 {
+        let _ =
+            writeln!(text, "{:>9}  what is remembered of graphs and outputs", bytes(sizes.other));
+    }
+    let _ = writeln!(text, "{:>9}  in all, {}", bytes(all), counted(results, "result"));
+    print(&text);
 }
 
 fn print_diagnosis(folder: &Path, diagnosis: &Diagnosis, dry_run: bool, json: bool) {

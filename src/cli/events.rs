@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `watching` | everything in `files` is watched from now on, `polled` if events of the system do not suffice (`watch` only) |
 //! | `run` | evaluation `run` begins, because the content of `changed` changed (`watch` only) |
-//! | `started` | `node` is being computed |
+//! | `started` | `node` is being computed; its `progress` is "unknown" until an event `progress` says its share |
 //! | `progress` | `node` has done this `share` (0 to 1) of its work |
 //! | `stubborn` | the evaluation was told to stop 2 s ago, and `node`, a `type` of `pack`, still runs; `why` says so in words |
 //! | `finished` | `node` came to the end `state` after `seconds` of work; nodes that are as they were are only in `done` |
@@ -28,6 +28,15 @@ use maquette_syntax::telling::escaped;
 use serde_json::{Value as Json, json};
 
 use super::{print_as_it_is, put_problems};
+
+/// The form in which events are told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum EventFormat {
+    /// One JSON object a line.
+    Json,
+    /// Lines that an agent of Open Job Description reads: `openjd_progress: 42`, `openjd_status: ..`.
+    Openjd,
+}
 
 /// The progress of one node is not told more often than this.
 const SPACING: Duration = Duration::from_millis(100);
@@ -133,7 +142,7 @@ fn done(ending: &Ending<'_>) -> Json {
 impl Observer for Events {
     fn started(&self, node: &str) {
         if !self.cancel.is_cancelled() {
-            self.listener.tell("started", json!({ "node": node }));
+            self.listener.tell("started", json!({ "node": node, "progress": "unknown" }));
         }
     }
 

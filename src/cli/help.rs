@@ -5,7 +5,7 @@ use maquette_graph::catalog::Catalog;
 use maquette_lsp::language::{TOPICS, plain, topic, topics_about};
 use maquette_syntax::unknown;
 
-use super::{Cli, Exit, print, program};
+use super::{Cli, Exit, print, print_usage, program};
 
 #[derive(Args)]
 pub(crate) struct Help {
@@ -37,9 +37,8 @@ impl Help {
             }
         }
         let words = [program()].into_iter().chain(self.words.iter().cloned());
-        if let Err(told) = Cli::command().try_get_matches_from(words.chain(["--help".into()])) {
-            // Nobody is left to tell if it cannot be printed.
-            let _ = told.print();
+        if let Err(help) = Cli::command().try_get_matches_from(words.chain(["--help".into()])) {
+            print_usage(&help);
         }
         Exit::Done
     }

@@ -107,8 +107,9 @@ impl Inspect {
             Err(why) => return Exit::Usage(why),
         };
         let checked = checked.as_far_as_known();
-        // What is looked into says itself if it hangs on a node of an unknown type.
-        let is_told = |it: &&Problem| checked.graph.is_none() || it.code != code::UNKNOWN_NODE;
+        // What is looked into says itself if it depends on a node of an unknown type or on a missing file.
+        let is_of_node = |it: &Problem| matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE);
+        let is_told = |it: &&Problem| checked.graph.is_none() || !is_of_node(it);
         report(&Vec::from_iter(checked.problems.iter().filter(is_told).cloned()));
         let Some(graph) = checked.graph else { return Exit::Failed };
         if let Err(why) = self.check() {

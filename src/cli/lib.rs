@@ -34,6 +34,7 @@ mod merge;
 mod migrate;
 mod new;
 mod nodes;
+mod openjd;
 mod options;
 mod output;
 mod pin;
@@ -56,7 +57,8 @@ pub(crate) use condition::Condition;
 pub(crate) use options::{GraphOptions, assignment};
 pub(crate) use output::{
     Exit, Shown, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
-    print_document, print_json, program, put_problems, report, shows_color, stdout_is_closed,
+    print_document, print_json, print_usage, program, put_problems, report, shows_color,
+    stdout_is_closed,
 };
 pub(crate) use program::Cli;
 pub use program::{main, run};

@@ -1,7 +1,7 @@
 //! `maquette lock` and `maquette update`: what the graphs are that a graph uses, and whether what has become of them is taken.
 
 use std::collections::BTreeSet;
-use std::io::{BufRead as _, IsTerminal, Write as _};
+use std::io::{BufRead as _, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -220,8 +220,6 @@ fn is_taken() -> bool {
         return false;
     }
     print("take it? [y/N] ");
-    // The line goes on: nothing else shows it.
-    let _ = std::io::stdout().flush();
     let mut answer = String::new();
     // Who cannot answer has not said yes.
     let _ = stdin.lock().read_line(&mut answer);

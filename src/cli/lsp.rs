@@ -1,5 +1,6 @@
 //! `maquette lsp`: graphs in editors.
 
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -32,10 +33,13 @@ impl Lsp {
         let ended = serve(&connection, Setup { session, program, words: self.cache.words() });
         drop(connection);
         // The reading thread ends when the editor has closed its end.
-        let _ = threads.join();
-        match ended {
-            Ok(()) => Exit::Done,
-            Err(why) => Exit::Usage(why),
+        let written = threads.join();
+        match (ended, written) {
+            (Ok(()), Err(error)) if error.kind() != ErrorKind::BrokenPipe => {
+                Exit::Usage(format!("cannot speak with the editor: {error}"))
+            }
+            (Ok(()), _) => Exit::Done,
+            (Err(why), _) => Exit::Usage(why),
         }
     }
 }

@@ -7,7 +7,7 @@ use maquette_engine::writing::{Turn, replace};
 use maquette_golden::case;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
-use maquette_syntax::first_word;
+use maquette_syntax::{first_word, parse, syntax_problems};
 
 use super::edit::changed_lines;
 use super::files::given;
@@ -61,7 +61,15 @@ impl Migrate {
                 let graphs = case::skim(path).map(|test| test.graphs).unwrap_or_default();
                 Ok(Graph::migrated_test(&text, &graphs, catalog))
             }
-            _ => return Ok(false),
+            _ => {
+                let (tree, mistakes) = parse(&text);
+                // Not even its first word is known, as in the middle of a merge.
+                if tree.is_broken() && !text.trim().is_empty() {
+                    report(&syntax_problems(path, &text, mistakes));
+                    return Err(());
+                }
+                return Ok(false);
+            }
         };
         let migrated = migrated.map_err(|problems| report(&problems))?;
         if migrated == text {

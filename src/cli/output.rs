@@ -1,10 +1,9 @@
 //! What commands print, how they end, and what the program is called.
 
 use std::ffi::OsString;
-use std::io::{IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::Path;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use maquette_engine::session::{Finished, Run, Session, Wanted};
 use maquette_graph::Graph;
@@ -46,8 +45,8 @@ impl Shown for Path {
     }
 }
 
-/// Whether writing to stdout has failed.
-pub(crate) static STDOUT_CLOSED: AtomicBool = AtomicBool::new(false);
+/// The first error of a write to stdout. Nothing is written after it.
+static STDOUT_ERROR: Mutex<Option<io::Error>> = Mutex::new(None);
 
 /// Writes words to stdout, in which names that others gave may stand.
 pub(crate) fn print(text: &str) {
@@ -56,19 +55,44 @@ pub(crate) fn print(text: &str) {
 
 /// Writes a document to stdout: a program that reads it gets every byte, a terminal what it shows.
 pub(crate) fn print_document(text: &str) {
-    if std::io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
+    if io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
 }
 
-/// Writes to stdout; a reader that has gone away is no error.
+/// Writes to stdout. All commands do so here: the program fails at its end if something could not be written ([`stdout_error`]).
 pub(crate) fn print_as_it_is(text: &str) {
-    if std::io::stdout().lock().write_all(text.as_bytes()).is_err() {
-        STDOUT_CLOSED.store(true, Ordering::Relaxed);
+    let mut stdout = io::stdout().lock();
+    let mut failed = first_stdout_error();
+    if failed.is_none() {
+        // What stays in the buffer would be lost without a word.
+        *failed = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).err();
     }
 }
 
-/// Whether the reader of stdout has gone away.
+fn first_stdout_error() -> std::sync::MutexGuard<'static, Option<io::Error>> {
+    STDOUT_ERROR.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Returns true if nothing more can be written to stdout.
 pub(crate) fn stdout_is_closed() -> bool {
-    STDOUT_CLOSED.load(Ordering::Relaxed)
+    first_stdout_error().is_some()
+}
+
+/// Takes the error that kept text from being written to stdout. A reader that has read enough, as `head` does, is none.
+pub(crate) fn stdout_error() -> Option<io::Error> {
+    first_stdout_error().take().filter(|error| error.kind() != ErrorKind::BrokenPipe)
+}
+
+/// Prints what clap has to say: help and versions to stdout, errors to stderr. Returns the exit code.
+pub(crate) fn print_usage(message: &clap::Error) -> u8 {
+    if message.use_stderr() {
+        // Nobody is left to hear of it if it cannot be printed.
+        let _ = message.print();
+    } else {
+        let text = message.render();
+        let color = shows_color(&io::stdout());
+        print_as_it_is(&if color { text.ansi().to_string() } else { text.to_string() });
+    }
+    message.exit_code() as u8
 }
 
 /// Writes words to stderr.
@@ -77,7 +101,7 @@ pub(crate) fn eprint(text: &str) {
 }
 
 pub(crate) fn eprint_as_it_is(text: &str) {
-    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+    let _ = io::stderr().lock().write_all(text.as_bytes());
 }
 
 pub(crate) fn print_json(document: &serde_json::Value) {
@@ -102,7 +126,7 @@ pub(crate) fn told(problems: &[Problem]) -> (Vec<&Problem>, usize) {
 
 /// Prints problems to stderr as people read them.
 pub(crate) fn report(problems: &[Problem]) {
-    let color = shows_color(&std::io::stderr());
+    let color = shows_color(&io::stderr());
     let (told, rest) = told(problems);
     for problem in told {
         eprint_as_it_is(&format!("{}\n\n", in_full(problem, color, None)));

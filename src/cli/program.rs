@@ -8,7 +8,7 @@ use clap::{Parser, Subcommand};
 use maquette_graph::catalog::Catalog;
 use maquette_node::pack::Pack;
 
-use crate::output::{Exit, NAME, eprint, name_in, program};
+use crate::output::{Exit, NAME, eprint, name_in, print_usage, program, stdout_error};
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -121,15 +121,22 @@ pub fn main(packs: &[&Pack]) -> ExitCode {
 pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
     maquette_value::memory::keep_freed();
     maquette_engine::eval::this_is_a_program();
-    let words = Vec::from_iter(words);
+    let code = run_words(packs, Vec::from_iter(words));
+    let Some(error) = stdout_error() else { return code };
+    eprint(&format!("error: cannot write to standard output: {error}\n"));
+    code.max(1)
+}
+
+fn run_words(packs: &[&Pack], mut words: Vec<OsString>) -> u8 {
+    // The format may be left out, so that a word behind a blank is the graph unless it names one.
+    let place = words.windows(2).position(|pair| pair[0] == "--events" && pair[1] == "openjd");
+    if let Some(place) = place {
+        words.splice(place..place + 2, ["--events=openjd".into()]);
+    }
     NAME.get_or_init(|| name_in(words.first()));
     let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,
-        Err(told) => {
-            // Nobody is left to tell if it cannot be printed.
-            let _ = told.print();
-            return told.exit_code() as u8;
-        }
+        Err(message) => return print_usage(&message),
     };
     let catalog = Arc::new(Catalog::new(packs));
     match cli.command.run(&catalog) {

@@ -52,7 +52,7 @@ impl Progress {
 
 impl Observer for Progress {
     fn started(&self, node: &str) {
-        self.bar.set_message(node.to_owned());
+        self.bar.set_message(format!("{node}, progress unknown"));
     }
 
     fn progress(&self, node: &str, share: f64) {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use maquette_engine::session::{OutputFolder, Run, Wanted, sign};
+use maquette_engine::session::{OutputFolder, Run, Session, Wanted, sign};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, GraphOutput, Options};
 use maquette_node::provenance::{Found, Provenance, Signature, find};
@@ -14,7 +14,7 @@ use maquette_value::Hash;
 use maquette_value::plain::{ending, read_own};
 use serde_json::json;
 
-use super::caching::CacheOptions;
+use super::caching::{CacheOptions, ToldSession};
 use super::inputs::InputOptions;
 use super::progress::Progress;
 use super::{Exit, assignment, eprint, print, print_json, report};
@@ -47,7 +47,8 @@ impl ProvenanceOptions {
 pub(crate) struct Replay {
     /// A file that a graph gave.
     file: PathBuf,
-    /// The graph; if left out, that of the name that the file tells, in the project of the current folder, else in that of the file.
+    /// The graph; if left out, that of the name that the file tells: in the project of the current folder, in that of the file, as the last run
+    /// noted it, or in a project below the current folder.
     #[arg(long, value_name = "GRAPH")]
     graph: Option<PathBuf>,
     #[command(flatten)]
@@ -78,8 +79,12 @@ struct Told {
 
 impl Replay {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        match self.told().and_then(|told| Ok((self.graph(&told.provenance)?, told))) {
-            Ok((graph, told)) => self.replay(&graph, &told, catalog),
+        let found = self.told().and_then(|told| {
+            let session = self.cache.told_session(self.threads, catalog)?;
+            Ok((self.graph(&told.provenance, &session)?, told, session))
+        });
+        match found {
+            Ok((graph, told, session)) => self.replay(&graph, &told, session, catalog),
             Err(why) => Exit::Usage(why),
         }
     }
@@ -101,7 +106,7 @@ impl Replay {
     }
 
     /// The graph's file.
-    fn graph(&self, told: &Provenance) -> Result<PathBuf, String> {
+    fn graph(&self, told: &Provenance, session: &Session) -> Result<PathBuf, String> {
         if let Some(graph) = &self.graph {
             return Ok(graph.clone());
         }
@@ -111,16 +116,33 @@ impl Replay {
         };
         let folders = [PathBuf::from("."), folder_of_new(&self.file)];
         let graphs = folders.map(|folder| project_root(&folder).join(name));
-        graphs.into_iter().find(|graph| graph.is_file()).ok_or_else(|| {
-            format!("there is no graph `{name}` in the project here, nor in that of the file: --graph says where it is")
-        })
+        let is_it = |graph: &PathBuf| graph.ends_with(name) && graph.is_file();
+        let noted = || folder_of_new(&self.file).ancestors().find_map(|it| session.graph_of(it));
+        let known = graphs.into_iter().find(|graph| graph.is_file()).or_else(noted).filter(is_it);
+        if let Some(graph) = known {
+            return Ok(graph);
+        }
+        match &graphs_below(Path::new("."), name)[..] {
+            [graph] => Ok(graph.clone()),
+            [] => Err(format!(
+                "cannot find the graph `{name}` in the project of the current folder, in that of the file, or below the current folder: \
+                 name it with --graph"
+            )),
+            several => {
+                let paths = several.iter().take(5).map(|path| format!("`{}`", path.display()));
+                let paths = Vec::from_iter(paths).join(", ");
+                Err(format!("several graphs may have made it: {paths}: choose one with --graph"))
+            }
+        }
     }
 
-    fn replay(&self, path: &Path, told: &Told, catalog: &Arc<Catalog>) -> Exit {
-        let mut session = match self.cache.told_session(self.threads, catalog) {
-            Ok(session) => session,
-            Err(why) => return Exit::Usage(why),
-        };
+    fn replay(
+        &self,
+        path: &Path,
+        told: &Told,
+        mut session: ToldSession,
+        catalog: &Arc<Catalog>,
+    ) -> Exit {
         let roots = self.roots.clone();
         let mut set = values(path, &told.provenance, catalog);
         set.retain(|(name, _)| self.set.iter().all(|(other, _)| other != name));
@@ -199,6 +221,40 @@ impl Replay {
         }
         if same { Exit::Done } else { Exit::Failed }
     }
+}
+
+/// Returns the graphs below a folder that are called `name` in their own project: `run` may have been started above the project.
+fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
+    /// How far projects may be below the folder, and how many folders are looked at.
+    const MAX_DEPTH: usize = 5;
+    const MAX_FOLDERS: usize = 10_000;
+    let (mut found, mut count) = (Vec::new(), 0);
+    let mut open = vec![(folder.to_owned(), 0)];
+    while let Some((folder, depth)) = open.pop() {
+        let graph = folder.join(name);
+        let is_root =
+            || std::fs::canonicalize(&folder).ok() == Some(project_root(&folder_of_new(&graph)));
+        if graph.is_file() && is_root() {
+            found.push(graph);
+        }
+        count += 1;
+        if depth == MAX_DEPTH || count > MAX_FOLDERS {
+            continue;
+        }
+        for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            // Links may lead in a circle. What is built or installed has copies of graphs.
+            let is_own = entry.file_type().is_ok_and(|kind| kind.is_dir())
+                && !name.to_string_lossy().starts_with('.')
+                && name != "target"
+                && name != "node_modules";
+            if is_own {
+                open.push((entry.path(), depth + 1));
+            }
+        }
+    }
+    found.sort();
+    found
 }
 
 /// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares. What the graph

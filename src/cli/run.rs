@@ -13,12 +13,13 @@ use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity, code, with_those_of_run};
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
-use super::events::{Ending, Events, Listener};
+use super::events::{Ending, EventFormat, Events, Listener};
 use super::inputs::InputOptions;
+use super::openjd::JobProgress;
 use super::profile;
 use super::progress::Progress;
 use super::replay::ProvenanceOptions;
@@ -58,9 +59,9 @@ pub(crate) struct Run {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Print what happens as it happens, one JSON object a line.
-    #[arg(long, conflicts_with = "json")]
-    events: bool,
+    /// Print what happens as it happens: one JSON object a line, or, by `openjd`, lines for an agent of Open Job Description.
+    #[arg(long, value_name = "FORMAT", conflicts_with = "json", num_args = 0..=1, require_equals = true, default_missing_value = "json")]
+    events: Option<EventFormat>,
 }
 
 impl Run {
@@ -68,8 +69,9 @@ impl Run {
         let start = Instant::now();
         let cancel = CancelToken::default();
         interrupt::cancels(&cancel);
-        let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
-        let checked = self.options.load(&self.graph, catalog);
+        let events = Events::new(Listener::of_stdout(), cancel.clone());
+        let job = JobProgress::new(1, cancel.clone());
+        let checked = self.options.load(&self.graph, catalog).without_missing_files();
         let reading_graph = start.elapsed().as_secs_f64();
         let mut problems = checked.problems;
         let Some(graph) = checked.graph.or(checked.partial) else {
@@ -90,21 +92,30 @@ impl Run {
                 return Exit::Failed;
             }
         };
+        let into = self.options.folder(self.out.as_deref(), &self.graph);
+        let into = self.provenance.applied(into.keeping(self.inputs.files()));
+        session.recall(&into);
         if self.dry_run {
             let graph = session.as_last_known(&graph);
-            return match session.dry_run(&graph, &self.only) {
+            return match session.dry_run(&graph, &self.only, &into) {
                 Ok(forecasts) => {
+                    let lacks = |it: &Forecast| {
+                        graph.nodes()[it.index].files.iter().any(|file| file.missing.is_some())
+                    };
+                    let is_missing = |problem: &&Problem| problem.code == code::MISSING_FILE;
+                    report(&Vec::from_iter(problems.iter().filter(is_missing).cloned()));
                     print(&forecast(&graph, &forecasts));
-                    Exit::Done
+                    if forecasts.iter().any(lacks) { Exit::Failed } else { Exit::Done }
                 }
                 Err(why) => Exit::Usage(why),
             };
         }
         let progress = Progress::new(graph.nodes().len());
-        let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let into = self.options.folder(self.out.as_deref(), &self.graph);
-        let into = self.provenance.applied(into.keeping(self.inputs.files()));
-        session.recall(&into);
+        let observer: &dyn Observer = match self.events {
+            Some(EventFormat::Json) => &events,
+            Some(EventFormat::Openjd) => &job,
+            None => &progress,
+        };
         let produced = session.produce(&graph, &self.only, &into, observer, &cancel);
         progress.end();
         let produced = match produced {
@@ -115,7 +126,7 @@ impl Run {
             caching::finish(&session);
             return Exit::Interrupted;
         }
-        problems.extend(produced.problems.iter().cloned());
+        problems = with_those_of_run(problems, produced.problems.clone());
         self.print(Some((&produced, session.exchange())), &produced.written, &problems, start);
         if self.profile {
             let trace = produced.trace();
@@ -150,7 +161,16 @@ impl Run {
         let trace = produced.map(|(produced, _)| produced.trace()).unwrap_or_default();
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
-        if self.events {
+        if self.events == Some(EventFormat::Openjd) {
+            report(problems);
+            let job = JobProgress::new(1, CancelToken::default());
+            match problems.iter().find(|problem| problem.severity == Severity::Error) {
+                Some(problem) => job.fail(&problem.message),
+                None => job.task_ended(),
+            }
+            return job.status(&format!("{}: {}", counted(traces.len(), "node"), counts(&trace)));
+        }
+        if self.events == Some(EventFormat::Json) {
             let listener = Listener::of_stdout();
             listener.tell_problems(problems);
             let trace = produced.map(|_| &trace);

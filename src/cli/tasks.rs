@@ -6,6 +6,7 @@
 
 mod all;
 mod emit;
+mod job_parameters;
 mod record;
 mod run;
 mod sheet;
@@ -14,6 +15,7 @@ mod task_list;
 
 pub(crate) use all::{Ended, Hearer, Running, at_a_time};
 pub(crate) use emit::{Engine, Handover};
+pub(crate) use job_parameters::JobParameter;
 pub(crate) use record::{Output, State};
 pub(crate) use run::{Batch, Standing, default_folder};
 pub(crate) use short::text_of;

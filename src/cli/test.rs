@@ -243,7 +243,6 @@ impl Test {
         loop {
             print("  accept, refuse, quit? [a/r/q] ");
             let mut answer = String::new();
-            let _ = std::io::Write::flush(&mut std::io::stdout());
             let read = std::io::stdin().lock().read_line(&mut answer);
             match (read, answer.trim()) {
                 (Ok(0) | Err(_), _) | (_, "q" | "quit") => {

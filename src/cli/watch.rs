@@ -4,7 +4,7 @@
 //! signal, with exit code 0, or when nobody reads what it prints any more.
 
 use std::iter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 
@@ -182,8 +182,8 @@ impl Watch {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
         let outside = reads_outside(&checked.problems);
-        let list = self.watch_list(&checked.files, &checked.subgraphs, outside, catalog);
         let here = std::env::current_dir().unwrap_or_default();
+        let list = self.watch_list(&here, &checked.files, &checked.subgraphs, outside, catalog);
         for file in list.files() {
             let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
             let missing = if file.path.exists() { "" } else { " (not there)" };
@@ -193,37 +193,40 @@ impl Watch {
     }
 
     /// Everything that the outcome depends on: the graph, those that it uses, the files that their nodes read (`files`), and what
-    /// says which files they may read.
+    /// says which files they may read. The watch was started in the folder `here`, which may have gone meanwhile.
     fn watch_list(
         &self,
+        here: &Path,
         files: &[ReadFile],
         subgraphs: &[PathBuf],
         outside: bool,
         catalog: &Catalog,
     ) -> WatchList {
         let readers = catalog.readers();
-        let path = std::path::absolute(&self.graph).unwrap_or_else(|_| self.graph.clone());
+        let path = here.join(&self.graph);
         let folder = path.parent().unwrap_or(&path);
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
         let mut wishes = vec![watch::Wish { path, why: "the graph".into() }];
-        let used =
-            |path: &PathBuf| watch::Wish { path: path.clone(), why: "a graph that it uses".into() };
+        let used = |path: &PathBuf| watch::Wish {
+            path: here.join(path),
+            why: "a graph that it uses".into(),
+        };
         wishes.extend(subgraphs.iter().map(used));
         for (ending, why) in [(LOCK_ENDING, "its lock file"), (PINS_ENDING, "its pins")] {
-            let path = self.graph.with_extension(ending);
+            let path = here.join(self.graph.with_extension(ending));
             wishes.push(watch::Wish { path, why: format!("{why} if there is one") });
         }
         wishes.extend(files.iter().map(|file| {
             let optional = if file.optional { " if it is there" } else { "" };
             watch::Wish {
-                path: file.path.clone(),
+                path: here.join(&file.path),
                 why: format!("read by `{}`{optional}", file.node),
             }
         }));
         let roots = [root.clone()];
         for path in self.inputs.files() {
-            let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+            let path = here.join(path);
             let beside = iter::once(path.with_file_name(camera::NAME));
             let named = beside.chain(named_in(&path, &roots, readers));
             let why = || "read with an input if it is there".into();

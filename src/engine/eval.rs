@@ -10,9 +10,10 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use maquette_graph::files::Known;
 use maquette_graph::{Graph, GraphNode, GraphOutput, UnknownType};
-use maquette_node::CancelToken;
+use maquette_node::limit::NoRoom;
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
+use maquette_node::{CancelToken, ReadError};
 use maquette_syntax::error::in_words;
 use maquette_syntax::error::{Error, Problem, Severity, code};
 use maquette_value::{AnyValue, Hash};
@@ -34,8 +35,9 @@ mod trace;
 mod why;
 
 use cache::{Cache, Values};
+use compute::ChangedMeanwhile;
 pub use disk::this_is_a_program;
-pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
+pub use disk::{Diagnosis, Disk, DiskError, Fault, NodeSize, Sizes, Usage};
 use guard::{Guards, NotAsWanted};
 pub use maquette_remote::Exchange;
 use plan::Plan;
@@ -48,6 +50,11 @@ pub use why::{Forecast, explanation};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.
 pub trait Observer: Sync {
+    /// An evaluation begins, in which so many nodes come to an end.
+    fn planned(&self, count: usize) {
+        let _ = count;
+    }
+
     /// So many nodes need not be looked at: nothing that they depend on changed.
     fn unchanged(&self, count: usize) {
         let _ = count;
@@ -200,6 +207,16 @@ impl Evaluation {
         errors.filter_map(|error| error.downcast::<UnknownType>()?.0.clone())
     }
 
+    /// Whether a node failed for want of memory, or because a file could not be read: it may succeed another time.
+    pub(crate) fn may_pass(&self) -> bool {
+        let mut errors = self.news.iter().filter_map(|news| news.error.as_ref());
+        errors.any(|error| {
+            error.downcast::<NoRoom>().is_some()
+                || error.downcast::<ReadError>().is_some()
+                || error.downcast::<ChangedMeanwhile>().is_some()
+        })
+    }
+
     /// The value of a node's output, both by their place in the graph, if it was asked for and computed.
     pub fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
         let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
@@ -265,6 +282,14 @@ fn failure(node: &GraphNode, error: &Error) -> Problem {
     if let Some(refused) = error.downcast::<NotAsWanted>() {
         return refused.problem(node);
     }
+    let unread = error.downcast::<ReadError>();
+    let missing = unread.and_then(|unread| {
+        let file = node.files.iter().find(|file| file.given == unread.name);
+        file?.missing.as_deref()
+    });
+    if let Some(missing) = missing {
+        return missing.clone();
+    }
     let message = format!("`{}` cannot be computed: {error}", node.name);
     let (code, help) = match error.downcast::<Panic>() {
         Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),
@@ -325,6 +350,11 @@ impl Evaluator {
     #[must_use]
     pub fn verifying(self, share: f64) -> Self {
         Self { verify: share, ..self }
+    }
+
+    /// Returns true if results in the cache are computed all the same.
+    pub(crate) fn is_verifying(&self) -> bool {
+        0.0 < self.verify
     }
 
     /// The same, with at most this many bytes for results and nodes under way together. Else it is nine tenths of what the machine,
@@ -411,6 +441,7 @@ impl Evaluator {
     ) -> Evaluation {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
+        observer.planned(plan.wanted.iter().filter(|wanted| **wanted).count());
         observer.unchanged(plan.unchanged());
         let run = Run::new(self, graph, &plan, values, observer, cancel);
         let needs_threads = plan.has_work() || !run.has_values(values);

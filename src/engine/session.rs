@@ -208,23 +208,31 @@ impl Session {
         outputs_of(graph, only)?;
         let wanted = |graph: &Graph| {
             let outputs = outputs_of(graph, only).unwrap_or_default();
-            elements::judged_too(graph, outputs.iter().map(|output| output.node).collect())
+            let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+            [expect::nodes_of(&expected_of(graph, &nodes, only)), nodes].concat()
         };
         let graph = &self.resolved(graph, &wanted, observer, cancel);
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
-        let expected = graph.expected(&nodes);
+        let expected = expected_of(graph, &nodes, only);
         nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty()));
         let (mut verdicts, open) = self.unjudged(graph, &expected);
         let evaluator = &mut self.evaluator;
-        let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
+        let mut values = match evaluator.is_verifying() {
+            // What is known of a file may turn out to be wrong.
+            true => outputs.iter().map(|output| output.node).collect(),
+            false => folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator),
+        };
         values.extend(expect::nodes_of(&open));
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
         first(self);
         let evaluator = &self.evaluator;
-        let (written, unwritten) =
+        let (written, unwritten, is_refused) =
             folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);
+        if written.iter().any(|file| !file.unchanged) {
+            self.keep_graph_of(folder.path(), &graph.source().name);
+        }
         let mut problems = evaluation.problems();
         if !open.is_empty() {
             let judge = || verdicts.judge(graph, &evaluation, &open, cancel);
@@ -234,7 +242,8 @@ impl Session {
         }
         let complete = !unwritten.iter().any(|problem| problem.severity == Severity::Error);
         problems.extend(unwritten);
-        Ok(Produced { evaluation, written, complete, problems })
+        let may_pass = is_refused || evaluation.may_pass();
+        Ok(Produced { evaluation, written, complete, may_pass, problems })
     }
 
     /// Writes the outputs of a run to a folder: each file whole or not at all. Gives the files, and what could not be written.
@@ -246,7 +255,10 @@ impl Session {
         let outputs = Vec::from_iter(finished.graph.outputs());
         let cancel = CancelToken::default();
         let Finished { graph, evaluation, .. } = finished;
-        folder.write(&outputs, evaluation, graph, &self.catalog, &self.evaluator, &cancel)
+        let (catalog, evaluator) = (&self.catalog, &self.evaluator);
+        let (written, unwritten, _) =
+            folder.write(&outputs, evaluation, graph, catalog, evaluator, &cancel);
+        (written, unwritten)
     }
 
     /// Finds out what the last process knew of the files in a folder of outputs.
@@ -254,23 +266,34 @@ impl Session {
         folder.recall(&self.evaluator);
     }
 
-    /// What each node would do if these outputs, all if none is named, were made now, and why. The graph is one as it is
-    /// [last known](Self::as_last_known).
-    pub fn dry_run(&mut self, graph: &Graph, only: &[String]) -> Result<Vec<Forecast>, String> {
+    /// What each node would do if these outputs, all if none is named, were made in a folder now, and why. The graph is one as it is
+    /// [last known](Self::as_last_known). Large files are not read: what depends on one that is not known may run.
+    pub fn dry_run(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+    ) -> Result<Vec<Forecast>, String> {
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
-        nodes.extend(expect::nodes_of(&graph.expected(&nodes)));
-        Ok(self.forecast(graph, &nodes))
+        let expected = expected_of(graph, &nodes, only);
+        nodes.extend(expect::nodes_of(&expected));
+        let (_, open) = self.unjudged(graph, &expected);
+        let (catalog, evaluator) = (&self.catalog, &mut self.evaluator);
+        let mut values = folder.nodes_to_write_by_stamps(&outputs, graph, catalog, evaluator);
+        values.extend(expect::nodes_of(&open));
+        Ok(self.evaluator.forecast(graph, &nodes, &values))
     }
 
-    /// What each node that these need would do now, and why. The values of which something is expected are needed themselves, if they
-    /// are not known to be so.
+    /// What these nodes, and each that they need, would do if their values were wanted now, and why. The values of which something is
+    /// expected are needed themselves, if they are not known to be so.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         let needed = graph.shape().needed_by(nodes);
         let (_, open) = self.unjudged(graph, &graph.expected(nodes));
-        let mut judged = expect::nodes_of(&open);
-        judged.retain(|&node| needed[node]);
-        self.evaluator.forecast(graph, nodes, &judged)
+        let mut values = expect::nodes_of(&open);
+        values.retain(|&node| needed[node]);
+        values.extend(nodes);
+        self.evaluator.forecast(graph, nodes, &values)
     }
 
     /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is
@@ -318,6 +341,21 @@ impl Session {
     pub fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
         if let Some(disk) = self.evaluator.disk() {
             disk.keep_note(of, note(), Vec::new());
+        }
+    }
+
+    /// Returns the graph whose outputs were last written to a folder, if that was noted on disk.
+    pub fn graph_of(&self, folder: &Path) -> Option<PathBuf> {
+        let path = self.note(&graph_note(folder)?)?;
+        Some(PathBuf::from(String::from_utf8(path).ok()?))
+    }
+
+    /// Notes the graph whose outputs are in a folder.
+    fn keep_graph_of(&self, folder: &Path, graph: &Path) {
+        let graph = std::fs::canonicalize(graph).ok();
+        let graph = graph.as_deref().and_then(Path::to_str);
+        if let (Some(note), Some(graph)) = (graph_note(folder), graph) {
+            self.keep_note(&note, || graph.as_bytes().to_vec());
         }
     }
 
@@ -383,6 +421,16 @@ impl Session {
             disk.finish();
         }
     }
+}
+
+/// The name under which the graph of a folder of outputs is noted. No output has a name with an `@`.
+fn graph_note(folder: &Path) -> Option<PathBuf> {
+    Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
+}
+
+/// What must hold where these nodes of some outputs are wanted. Who names outputs, `only` them, does not ask about other values.
+fn expected_of<'g>(graph: &'g Graph, nodes: &[usize], only: &[String]) -> Vec<&'g Expected> {
+    if only.is_empty() { graph.expected(nodes) } else { graph.expected_of_only(nodes) }
 }
 
 /// The outputs of these names; all if there are none.
@@ -526,6 +574,9 @@ pub struct Produced {
     pub written: Vec<Written>,
     /// Whether every file could be written whose value is there.
     pub complete: bool,
+    /// Whether something failed for want of memory or disk space, or because a file could not be read or written: the same run may
+    /// succeed another time.
+    pub may_pass: bool,
     /// What failed, what nodes warn of, what does not hold, and what could not be written.
     pub problems: Vec<Problem>,
 }

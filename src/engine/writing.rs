@@ -88,9 +88,11 @@ impl<'a> Destination<'a> {
         Self { bounds: Bounds::Own(base.to_owned()), sources }
     }
 
-    /// Puts these bytes into a file: whole or not at all. Gives its stamp, unless somebody else has changed it already.
+    /// Puts these bytes into a file: whole or not at all. Gives its stamp, unless somebody else has changed it already. The first file that
+    /// this process writes to a folder removes what killed processes left there.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<Stamp>, Refused> {
         self.judge(path)?;
+        temporary::sweep_once(beside(path));
         Ok(write_whole(path, bytes)?)
     }
 
@@ -252,6 +254,7 @@ pub fn rewrite_with(
 pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
     let folder = beside(path);
     fs::create_dir_all(folder)?;
+    sweep(folder);
     let mut file = temporary::create(folder)?;
     file.write_all(text.as_bytes())?;
     file.persist_noclobber(path).map_err(|error| error.error)?;

@@ -199,7 +199,7 @@ impl<'a> Check<'_, 'a> {
         // A file that is not there is waited for.
         self.note_files(&draft.name.text, &survey.files, None);
         draft.links.clone_from(&survey.links);
-        let sound = self.findings.len() == known && survey.tree.is_whole();
+        let sound = self.is_sound_since(known) && survey.tree.is_whole();
         draft.is_sound = sound;
         let left_open = is_open && !survey.files.is_empty();
         draft.survey = (sound && !left_open).then_some(survey);

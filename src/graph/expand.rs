@@ -92,8 +92,7 @@ pub(super) fn expand<'a>(
         world.put_pins(&mut nodes);
     }
     // Where something is wrong, links may lead to nodes that could not be made.
-    let is_error = |problem: &Problem| problem.severity == Severity::Error;
-    if world.problems.iter().any(is_error) || is_broken {
+    if is_broken || world.problems.iter().any(|problem| world.is_fatal(problem)) {
         return None;
     }
     let (known, mut doubts) = Known::settle(&mut nodes);
@@ -363,7 +362,7 @@ impl<'a> Expansion<'_, 'a> {
                 let tree = without_links(&one.tree(draft), &absent);
                 let survey = check.survey(&draft.what, &tree, scope.values(definition));
                 survey.files.iter().for_each(|file| check.may_read(file));
-                let sound = check.findings.is_empty() && survey.tree.is_whole();
+                let sound = check.is_sound_since(0) && survey.tree.is_whole();
                 let links = draft.links.iter().zip(&coming);
                 let there = links.filter(|(link, _)| !absent.contains_key(&link.span));
                 let counts = there.map(|(_, targets)| targets.len());

@@ -70,12 +70,34 @@ impl Expected {
 impl Graph {
     /// What must hold where these nodes are wanted: what the graph's own file expects, and what each graph does of which a use is needed.
     pub fn expected(&self, wanted: &[usize]) -> Vec<&Expected> {
+        self.expected_if(wanted, |_| true)
+    }
+
+    /// The same where these nodes alone are wanted: what the graph's own file expects of other values is left out.
+    pub fn expected_of_only(&self, wanted: &[usize]) -> Vec<&Expected> {
+        let needed = self.shape.needed_by(wanted);
+        self.expected_if(wanted, |expected| {
+            let subject = expected.values.first().copied().flatten();
+            subject.is_some_and(|(node, _)| needed[node])
+        })
+    }
+
+    /// What must hold where these nodes are wanted; of what the graph's own file expects, what `is_meant`.
+    fn expected_if(
+        &self,
+        wanted: &[usize],
+        is_meant: impl Fn(&Expected) -> bool,
+    ) -> Vec<&Expected> {
         let mut wanted = wanted.to_vec();
         let mut live = vec![false; self.expect.len()];
         // What is expected of a value may need another use.
         loop {
             let needed = self.shape.needed_by(&wanted);
-            let is_new = |at: &usize| !live[*at] && self.expect[*at].is_live(&needed);
+            let is_live = |it: &Expected| match it.of {
+                Some(_) => it.is_live(&needed),
+                None => is_meant(it),
+            };
+            let is_new = |at: &usize| !live[*at] && is_live(&self.expect[*at]);
             let new = Vec::from_iter((0..live.len()).filter(is_new));
             if new.is_empty() {
                 break;

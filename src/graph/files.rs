@@ -1,7 +1,7 @@
 //! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was. Files that a file
 //! names, as an OBJ file does its materials and their picture, are parts of it: they are read with it, and its hash is that of all.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
-use maquette_node::reading::{Readers, Reading, read_companion};
+use maquette_node::reading::{CompanionFiles, Readers, Reading};
 use maquette_node::{Companions, File, ReadError};
-use maquette_syntax::error::in_words;
+use maquette_syntax::error::{Problem, in_words};
 use maquette_value::plain::ending;
 use maquette_value::{Hash, plain};
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,8 @@ pub struct NodeFile {
     pub needed: bool,
     /// The folders that a file named by it must lie in.
     pub roots: Arc<[PathBuf]>,
+    /// What the check reports if the node needs it and it cannot be read.
+    pub missing: Option<Arc<Problem>>,
 }
 
 /// A file that was read, and what the system said of it then.
@@ -96,6 +98,8 @@ pub struct Reads<'a> {
     known: &'a Known,
     readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
+    /// The number of bytes that may still be read; none if all may be.
+    left: Option<AtomicU64>,
     /// How long reading took, on all threads together.
     nanoseconds: AtomicU64,
 }
@@ -104,7 +108,29 @@ type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
     pub fn new(known: &'a Known, readers: &'a Readers) -> Self {
-        Self { known, readers, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
+        let (read, left, nanoseconds) = Default::default();
+        Self { known, readers, read, left, nanoseconds }
+    }
+
+    /// The same for a forecast, which reads no large files: see [`is_spared`](Self::is_spared).
+    #[must_use]
+    pub fn sparing(self) -> Self {
+        Self { left: Some(MAX_FORECAST_BYTES.into()), ..self }
+    }
+
+    /// Returns true if a file, with those that it names, would have to be read to know its hash, and is too large for a forecast.
+    pub fn is_spared(&self, file: &NodeFile) -> bool {
+        let Some(left) = &self.left else { return false };
+        let is_read = || {
+            let slot = lock(&self.read).get(&file.path).cloned();
+            slot.is_some_and(|slot| slot.get().is_some())
+        };
+        if self.known.look(&file.path).is_some() || is_read() {
+            return false;
+        }
+        let size = size_with_companions(file, self.readers);
+        let order = Ordering::Relaxed;
+        left.fetch_update(order, order, |left| left.checked_sub(size)).is_err()
     }
 
     /// How long reading took, on all threads together.
@@ -168,6 +194,35 @@ impl<'a> Reads<'a> {
     }
 }
 
+/// A forecast reads at most this many bytes of files: they are hashed in some 20 ms.
+const MAX_FORECAST_BYTES: u64 = 64 << 20;
+
+/// Returns the size of a file and of those that it names; more than a forecast reads if it is known to be larger.
+fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
+    let size = |path: &Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let own = size(&file.path);
+    if own > MAX_FORECAST_BYTES || !readers.may_name(&ending(&file.path)) {
+        return own;
+    }
+    let Ok(bytes) = plain::read(&file.path) else { return own };
+    let folder = file.path.parent().unwrap_or(Path::new(""));
+    let (all, files) = (Cell::new(own), CompanionFiles::new(&file.roots));
+    let beside = |name: &str| {
+        let path = folder.join(name);
+        all.set(all.get().saturating_add(size(&path)));
+        match all.get() <= MAX_FORECAST_BYTES {
+            true => files.read(name, &path),
+            false => Err("it is too large".into()),
+        }
+    };
+    let name = file.path.to_string_lossy();
+    // A reader that panics is reported when the file is read.
+    let reading = Reading::new(&name, &bytes, &beside);
+    let _ = catch_unwind(AssertUnwindSafe(|| readers.ask_companions(&reading)));
+    drop(reading);
+    all.get()
+}
+
 /// Where the files are that a file names, which lie in these folders or are said not to.
 pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
     // Only such files are read for what they name.
@@ -179,6 +234,7 @@ pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBu
         path: path.to_owned(),
         needed: false,
         roots: roots.into(),
+        missing: None,
     };
     let found = companions(&file, &plain::read(path).unwrap_or_default(), readers);
     found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
@@ -193,13 +249,14 @@ type Named = (Companions, Vec<(PathBuf, Option<Stamp>)>);
 /// In words, if a reader panics.
 fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<Named, String> {
     let folder = file.path.parent().unwrap_or(Path::new(""));
+    let files = CompanionFiles::new(&file.roots);
     let named = RefCell::new(Named::default());
     let beside = |name: &str| {
         let (companions, stamps) = &mut *named.borrow_mut();
         let find = || {
             let path = folder.join(name);
             stamps.push((path.clone(), Stamp::of(&path)));
-            read_companion(name, &path, &file.roots)
+            files.read(name, &path)
         };
         companions.entry(name.to_owned()).or_insert_with(find).clone()
     };
@@ -222,9 +279,14 @@ fn hash(bytes: &[u8], companions: &Companions) -> Hash {
         return own;
     }
     let mut all = own.to_string();
+    let mut hashes = HashMap::new();
     for (name, found) in companions {
         let found = match found {
-            Ok(bytes) => Hash::of(bytes).to_string(),
+            // Other names may lead to the same file.
+            Ok(bytes) => hashes
+                .entry((bytes.as_ptr(), bytes.len()))
+                .or_insert_with(|| Hash::of(bytes).to_string())
+                .clone(),
             Err(why) => why.clone(),
         };
         all += &format!("\n{name}\n{found}");
@@ -246,7 +308,8 @@ mod tests {
 
     fn at(path: PathBuf) -> NodeFile {
         let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
-        NodeFile { given: "a.txt".into(), path, needed: true, roots: roots.into_iter().collect() }
+        let roots = roots.into_iter().collect();
+        NodeFile { given: "a.txt".into(), path, needed: true, roots, missing: None }
     }
 
     #[test]

@@ -60,7 +60,8 @@ pub struct Graph {
 pub struct Checked {
     /// The graph; none if a problem is an error.
     pub graph: Option<Graph>,
-    /// If all errors are nodes of unknown types: the graph in which these, and what hangs on them, give nothing.
+    /// If all errors are nodes of unknown types and missing files of nodes: the graph in which these nodes, and what depends on them,
+    /// give nothing.
     pub partial: Option<Graph>,
     /// All problems, in the order of their places.
     pub problems: Vec<Problem>,

@@ -8,7 +8,7 @@ use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
+use maquette_syntax::error::{MOST_TOLD, Problem, Source, Span, Use, code};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{Finding, Help, Sheet, Tree};
 use maquette_value::plain::NoText;
@@ -79,9 +79,8 @@ pub fn load_whole<T>(
 /// What is made of the text of a graph's own file, and of the files that it uses.
 pub fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
-    let is_error = |problem: &&Problem| problem.severity == Severity::Error;
-    // What is not of an unknown type, or hangs on it, is as good as ever.
-    let is_broken = problems.iter().filter(is_error).any(|it| it.code != code::UNKNOWN_NODE);
+    // What does not depend on a node of an unknown type, or on a missing file, is as good as ever.
+    let is_broken = problems.iter().any(|problem| world.is_fatal(problem));
     let is_partial = problems.iter().any(|it| it.code == code::UNKNOWN_NODE);
     // What uses make of a graph adds nothing to more problems than are told.
     let whole = whole.filter(|_| problems.len() < MOST_TOLD);
@@ -99,6 +98,7 @@ pub fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
         let place = (problem.source.name.clone(), problem.span.start, problem.span.end);
         seen.insert((place, problem.code, problem.message.clone()))
     });
+    let is_partial = is_partial || !world.missing.is_empty();
     let (graph, partial) = if is_partial { (None, graph) } else { (graph, None) };
     let files = graph.as_ref().map_or(world.files, files_of);
     Checked { graph, partial, problems, files, subgraphs: world.subgraphs }

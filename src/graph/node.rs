@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_node::AnyNode;
-use maquette_syntax::error::{Span, code};
+use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::{PathProblem, may_read};
 use maquette_syntax::{
     Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
@@ -123,13 +123,27 @@ impl Check<'_, '_> {
             path: path.to_owned(),
             needed,
             roots: roots.clone(),
+            missing: None,
         };
-        let named = survey.files.iter().map(|found| file(&found.given, &found.resolved, true));
+        let named = survey.files.iter().map(|found| NodeFile {
+            missing: self.world.missing.get(&self.place_of(found)).cloned(),
+            ..file(&found.given, &found.resolved, true)
+        });
         let optional = optional.iter().map(|found| file(found.given(), found.resolved(), false));
         let files = Vec::from_iter(named.chain(optional));
         let recipe = Arc::new(Recipe::new(&entry.name, parameters, &files));
         let (pack, tree) = (entry.pack, Arc::new(survey.tree));
         Some(Built { node: node.into(), pack, recipe, files, tree })
+    }
+
+    /// Returns true if no finding since this one keeps a node from being made: a file that is missing does not.
+    pub(super) fn is_sound_since(&self, known: usize) -> bool {
+        self.findings[known..].iter().all(|finding| finding.code == code::MISSING_FILE)
+    }
+
+    /// The path of a file, and where it is named.
+    fn place_of(&self, file: &FoundFile) -> (PathBuf, PathBuf, Span) {
+        (file.resolved.clone(), self.sheet.source.name.clone(), file.at)
     }
 
     /// Says what is wrong with a file: where it is, its ending, or that it is not there.
@@ -149,13 +163,26 @@ impl Check<'_, '_> {
             (Err(PathProblem::Missing { message, help }), _) => (code::MISSING_FILE, message, help),
             (Ok(()), None) => return,
         };
-        let Some(from) = &file.from else { return self.find(code, file.at, message, help) };
+        let Some(from) = &file.from else {
+            let finding = Finding { code, span: file.at, message, help, note: None };
+            self.note_missing(file, self.sheet.problem(finding.clone(), &self.uses));
+            return self.findings.push(finding);
+        };
         // The mistake is where the name stands, not in the graph that was given it.
         let (source, _) = from.sheet.place(from.span);
         let outer = self.uses.iter().position(|at| Arc::ptr_eq(&at.source, &source));
         let uses = &self.uses[..outer.unwrap_or(0)];
         let finding = Finding { code, span: from.span, message, help, note: None };
-        self.world.problems.push(from.sheet.problem(finding, uses));
+        let problem = from.sheet.problem(finding, uses);
+        self.note_missing(file, problem.clone());
+        self.world.problems.push(problem);
+    }
+
+    /// Remembers what is reported of a file if it is missing.
+    fn note_missing(&mut self, file: &FoundFile, problem: Problem) {
+        if problem.code == code::MISSING_FILE {
+            self.world.missing.insert(self.place_of(file), problem.into());
+        }
     }
 
     /// Remembers which files a node reads; those that it can do without are known only if its fields have no problem.

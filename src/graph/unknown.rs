@@ -52,16 +52,34 @@ pub(super) fn unknown_node(tree: &Tree, told: Option<Problem>) -> Built {
 }
 
 impl Checked {
-    /// The same for who wants what of a graph can be had: its [`graph`](Self::graph) may have nodes of unknown types then, which are
-    /// no more than warnings. A run tells each that something hangs on as an error.
+    /// The same for who wants what of a graph can be had: its [`graph`](Self::graph) may have nodes of unknown types and missing files
+    /// then, which are no more than warnings. A run reports each that something depends on as an error.
     #[must_use]
-    pub fn as_far_as_known(mut self) -> Self {
+    pub fn as_far_as_known(self) -> Self {
+        let mut checked = self.without_missing_files();
+        if checked.partial.is_some() {
+            checked.graph = checked.partial.take();
+            checked.warn_of(code::UNKNOWN_NODE);
+        }
+        checked
+    }
+
+    /// The same for who runs a graph: files that nodes miss are no more than warnings. A run reports each that something depends on as
+    /// an error.
+    #[must_use]
+    pub fn without_missing_files(mut self) -> Self {
         if self.partial.is_some() {
-            self.graph = self.partial.take();
-            let unknown = self.problems.iter_mut().filter(|it| it.code == code::UNKNOWN_NODE);
-            unknown.for_each(|problem| problem.severity = Severity::Warning);
+            self.warn_of(code::MISSING_FILE);
+            if self.problems.iter().all(|problem| problem.severity == Severity::Warning) {
+                self.graph = self.partial.take();
+            }
         }
         self
+    }
+
+    fn warn_of(&mut self, code: &str) {
+        let meant = self.problems.iter_mut().filter(|problem| problem.code == code);
+        meant.for_each(|problem| problem.severity = Severity::Warning);
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Source, Span, Use};
+use maquette_syntax::error::{Problem, Severity, Source, Span, Use, code};
 use maquette_value::ValueType;
 
 use crate::catalog::Catalog;
@@ -31,6 +31,8 @@ pub struct World<'a> {
     pub(crate) entered: Vec<Entered>,
     /// The inputs of the first graph that nobody gives a value, of those that may be left out.
     pub(crate) absent: BTreeSet<String>,
+    /// What is reported of files that nodes need and that cannot be read, by their paths and where they are named.
+    pub(crate) missing: HashMap<(PathBuf, PathBuf, Span), Arc<Problem>>,
     /// The files that the nodes read that have been looked at.
     pub(crate) files: Vec<ReadFile>,
     /// The results that stand in for nodes of the first graph.
@@ -64,9 +66,20 @@ impl<'a> World<'a> {
             subgraphs: Vec::new(),
             entered: Vec::new(),
             absent: BTreeSet::new(),
+            missing: HashMap::new(),
             files: Vec::new(),
             pins: Arc::default(),
         }
+    }
+
+    /// Returns true if a problem keeps the whole graph from running, and not only what depends on a node.
+    pub(crate) fn is_fatal(&self, problem: &Problem) -> bool {
+        let is_of_node = match problem.code {
+            code::UNKNOWN_NODE => true,
+            code::MISSING_FILE => self.missing.values().any(|missing| **missing == *problem),
+            _ => false,
+        };
+        problem.severity == Severity::Error && !is_of_node
     }
 
     /// The version that the graph in a file says it has.

@@ -1,7 +1,8 @@
 //! Files that become values: what reads which, by the type that is wanted and the ending of the file's name.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::cmp::Reverse;
+use std::collections::HashMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -280,7 +281,8 @@ impl Readers {
         let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
         let folder = folder.map_err(|error| wrong(&error))?;
         let roots = [project_root(&folder)];
-        let beside = |name: &str| read_companion(name, &folder.join(name), &roots);
+        let companions = CompanionFiles::new(&roots);
+        let beside = |name: &str| companions.read(name, &folder.join(name));
         let name = path.to_string_lossy();
         let reading = Reading::new(&name, &bytes, &beside);
         let value = match kind {
@@ -320,12 +322,46 @@ impl AnyReader {
     }
 }
 
-/// The content of a file that another one names, if it may be read.
+/// The files that one file names. Each is read once, however often it is named and however its name is spelled.
 #[doc(hidden)]
-pub fn read_companion(name: &str, path: &Path, roots: &[PathBuf]) -> Result<Arc<[u8]>, String> {
-    may_read(name, path, roots).map_err(|problem| match problem {
-        PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
-    })?;
-    let bytes = plain::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
-    Ok(bytes.into())
+pub struct CompanionFiles<'a> {
+    /// The folders that they must lie in.
+    roots: &'a [PathBuf],
+    /// The contents, by real path.
+    contents: RefCell<HashMap<PathBuf, Arc<[u8]>>>,
+    bytes: Cell<u64>,
+}
+
+/// The files that one file names have at most this many bytes together, as many as a GLB file can hold.
+const MAX_BYTES: u64 = 4 << 30;
+
+impl<'a> CompanionFiles<'a> {
+    #[doc(hidden)]
+    pub fn new(roots: &'a [PathBuf]) -> Self {
+        Self { roots, contents: RefCell::default(), bytes: Cell::new(0) }
+    }
+
+    /// Returns the content of the file `name`, which is at `path`, if it may be read.
+    #[doc(hidden)]
+    pub fn read(&self, name: &str, path: &Path) -> Result<Arc<[u8]>, String> {
+        may_read(name, path, self.roots).map_err(|problem| match problem {
+            PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
+        })?;
+        let failed = |error: std::io::Error| format!("cannot read {name}: {error}");
+        let real = std::fs::canonicalize(path).map_err(failed)?;
+        if let Some(known) = self.contents.borrow().get(&real) {
+            return Ok(known.clone());
+        }
+        let length = std::fs::metadata(&real).map_err(failed)?.len();
+        if MAX_BYTES - self.bytes.get() < length {
+            return Err(format!(
+                "cannot read {name}: the files that are named have more than {} GB together",
+                MAX_BYTES >> 30
+            ));
+        }
+        let content: Arc<[u8]> = plain::read(&real).map_err(failed)?.into();
+        self.bytes.set(self.bytes.get() + length);
+        self.contents.borrow_mut().insert(real, content.clone());
+        Ok(content)
+    }
 }

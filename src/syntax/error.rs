@@ -208,6 +208,16 @@ pub struct Problem {
     pub elements: Vec<(String, [f64; 3])>,
 }
 
+/// Returns the problems of a check and of a run that followed it. What the check warns of and the run reports as an error is there once.
+pub fn with_those_of_run(mut checked: Vec<Problem>, run: Vec<Problem>) -> Vec<Problem> {
+    let again = |problem: &Problem| {
+        run.iter().any(|other| Problem { severity: problem.severity, ..other.clone() } == *problem)
+    };
+    checked.retain(|problem| !again(problem));
+    checked.extend(run);
+    checked
+}
+
 /// The codes of problems. They keep their meaning.
 pub mod code {
     /// The text is not RON.

@@ -80,7 +80,6 @@ pub fn read_own(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// A file that is no link either, open to be read.
-#[cfg(unix)]
 pub fn open_own(path: &Path) -> Result<fs::File> {
     is_plain(&fs::symlink_metadata(path)?)?;
     fs::File::open(path)

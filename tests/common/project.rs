@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use serde_json::{Value as Json, json};
 
@@ -291,6 +291,13 @@ impl Watch {
     fn next(&mut self) -> Json {
         let told = self.events.recv_timeout(PATIENCE);
         told.unwrap_or_else(|why| panic!("nothing is told: {why}, {:?}", self.process.try_wait()))
+    }
+
+    /// The events that come within this time.
+    pub(crate) fn heard_within(&mut self, time: Duration) -> Vec<Json> {
+        let end = Instant::now() + time;
+        let next = || self.events.recv_timeout(end.saturating_duration_since(Instant::now())).ok();
+        std::iter::from_fn(next).collect()
     }
 
     /// The next event that is wanted; those before it are dropped.

@@ -16,6 +16,10 @@ use super::list::WatchList;
 pub(crate) enum Event {
     /// To what these files hold.
     Touched(Vec<PathBuf>),
+    /// The same, but who writes to these files has not closed them.
+    Growing(Vec<PathBuf>),
+    /// The same, and who wrote to these files has closed them.
+    Closed(Vec<PathBuf>),
     /// Under one of these names there may be something else now, or nothing.
     Moved(Vec<PathBuf>),
     /// Nobody knows where: the system dropped events.
@@ -51,8 +55,14 @@ impl Native {
         let handler = move |event: notify::Result<notify::Event>| match event {
             Ok(event) if event.need_rescan() => sink(Event::Lost),
             Ok(event) => match event.kind {
-                EventKind::Access(AccessKind::Close(AccessMode::Write))
-                | EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_)) => {
+                // Elsewhere nobody tells of the end.
+                EventKind::Modify(ModifyKind::Data(_)) if cfg!(target_os = "linux") => {
+                    sink(Event::Growing(event.paths));
+                }
+                EventKind::Access(AccessKind::Close(AccessMode::Write)) => {
+                    sink(Event::Closed(event.paths));
+                }
+                EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_)) => {
                     sink(Event::Touched(event.paths));
                 }
                 // Somebody has only looked.

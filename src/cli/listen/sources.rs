@@ -96,7 +96,7 @@ impl Sources {
     pub(crate) fn touched(&mut self, event: &Event) -> Vec<PathBuf> {
         let paths = match event {
             Event::Lost => return self.paths().map(Path::to_owned).collect(),
-            Event::Touched(paths) => paths,
+            Event::Touched(paths) | Event::Growing(paths) | Event::Closed(paths) => paths,
             Event::Moved(paths) => {
                 for path in paths {
                     self.backends.iter_mut().for_each(|backend| backend.renew(path));

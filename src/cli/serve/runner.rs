@@ -12,8 +12,7 @@ use maquette_engine::session::{Finished, Session, Wanted};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, InputValues, Options};
 use maquette_node::CancelToken;
-use maquette_syntax::error::in_words;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity, in_words, with_those_of_run};
 use maquette_value::AnyValue;
 use serde_json::{Value as Json, json};
 
@@ -112,7 +111,7 @@ impl Runner {
         if cancel.is_cancelled() {
             return Ok(json!({ "cancelled": true }));
         }
-        problems.extend(finished.problems());
+        problems = with_those_of_run(problems, finished.problems());
         problems.extend(self.session.warnings(&graph));
         let values = self.values(&finished, want.as_deref());
         self.columns.answered(&run.slot());

@@ -4,6 +4,8 @@
 use maquette_syntax::shell;
 use serde_json::json;
 
+use super::JobParameter;
+
 /// An engine that runs tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Engine {
@@ -26,6 +28,8 @@ pub(crate) struct Handover<'a> {
     pub(crate) name: &'a str,
     /// The program, and its words up to those that name a task.
     pub(crate) words: &'a [String],
+    /// What who submits a job of Open Job Description may choose.
+    pub(crate) parameters: &'a [JobParameter],
     /// How many tasks there are.
     pub(crate) tasks: usize,
     /// The current folder, that paths are relative to.
@@ -55,29 +59,34 @@ impl Handover<'_> {
             let words = ["-c", inside, "{{Param.Project}}"].into_iter().map(str::to_owned);
             // Braces would be taken for parameters.
             let own = self.words.iter().map(|word| word.replace("{{", "{ {").replace("}}", "} }"));
+            let assignments = self.parameters.iter().map(|it| it.assignment.clone());
+            let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
             let last = last.iter().map(|&word| word.to_owned());
-            let args = Vec::from_iter(words.chain(own).chain(last));
+            let args = Vec::from_iter(words.chain(own).chain(set).chain(last));
             json!({ "actions": { "onRun": { "command": "bash", "args": args } } })
         };
         let tasks = json!({ "name": "Task", "type": "INT", "range": format!("0-{}", self.tasks.saturating_sub(1)) });
+        let project = json!({
+            "name": "Project",
+            "type": "PATH",
+            "objectType": "DIRECTORY",
+            "dataFlow": "INOUT",
+            "default": ".",
+            "description": "The folder that the paths of the sweep and its results are relative to.",
+        });
+        let own = self.parameters.iter().map(|parameter| parameter.definition.clone());
+        let definitions = Vec::from_iter([project].into_iter().chain(own));
         let job = json!({
             "specificationVersion": "jobtemplate-2023-09",
             "name": self.name,
-            "parameterDefinitions": [{
-                "name": "Project",
-                "type": "PATH",
-                "objectType": "DIRECTORY",
-                "dataFlow": "INOUT",
-                "default": ".",
-                "description": "The folder that the paths of the sweep and its results are relative to.",
-            }],
+            "parameterDefinitions": definitions,
             "steps": [
-                { "name": "Warm", "script": run(&["--warm"]) },
+                { "name": "Warm", "script": run(&["--warm", "--events=openjd"]) },
                 {
                     "name": "Tasks",
                     "dependencies": [{ "dependsOn": "Warm" }],
                     "parameterSpace": { "taskParameterDefinitions": [tasks] },
-                    "script": run(&["--task", "{{Task.Param.Task}}"]),
+                    "script": run(&["--events=openjd", "--task", "{{Task.Param.Task}}"]),
                 },
                 { "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": run(&["--report"]) },
             ],
@@ -209,7 +218,8 @@ mod tests {
 
     fn handed(engine: Engine, tasks: usize) -> String {
         let words = ["maquette", "batch", "it's.ron", "--set", "a=$x"].map(str::to_owned);
-        Handover { name: "it's", words: &words, tasks, folder: "/a b" }.to(engine)
+        let (words, parameters) = (&words[..], &[][..]);
+        Handover { name: "it's", words, parameters, tasks, folder: "/a b" }.to(engine)
     }
 
     #[test]

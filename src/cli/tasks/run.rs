@@ -1,6 +1,6 @@
 //! Runs tasks, and knows which need not be run: those with a record that still holds.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use maquette_golden::sweep::{Picture, Sweep, Task};
 use maquette_graph::{Graph, Options};
 use maquette_node::CancelToken;
 use maquette_render::{Kind, Look, View, picture};
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Problem, Severity, with_those_of_run};
 use maquette_value::Hash;
 
 use super::record::{Output, Record, State, picture_path};
@@ -36,6 +36,8 @@ pub(crate) struct Batch<'a> {
     pub(crate) signs: bool,
     /// Whether what failed is run again though nothing has changed.
     pub(crate) retries: bool,
+    /// Whether nothing is run: then no large files are read to know what would be.
+    pub(crate) is_forecast: bool,
 }
 
 /// What is to be done for a task.
@@ -65,9 +67,10 @@ struct Loaded {
 impl Batch<'_> {
     fn load(&self, session: &Session, task: &Task) -> Loaded {
         let checked = session.load(&self.sweep.graph, &with(&task.row.set, self.options));
+        let checked = checked.without_missing_files();
         let graph = checked.graph.or(checked.partial);
         let made_of = graph.as_ref().and_then(|graph| {
-            let files = session.files_of(graph, &task.row.inputs)?;
+            let files = session.files_of(graph, &task.row.inputs, self.is_forecast)?;
             let Picture { output, camera, zoom, size } = &self.sweep.picture;
             let shown = format!("{output:?} {camera:?} {zoom:?} {size:?} {}", self.signs);
             let key = format!("{} {} {shown}", session.build(), session.made_of(graph));
@@ -103,8 +106,16 @@ impl Batch<'_> {
         if let Some((name, _)) = changed {
             return Some(format!("`{name}` changed"));
         }
+        if let Some(name) = &files.unread {
+            return Some(format!("`{name}` may have changed and was not read"));
+        }
         if record.state == State::Failed {
-            return self.retries.then(|| "it failed".to_owned());
+            let why = match (self.retries, record.may_pass) {
+                (_, true) => "it failed for want of memory or disk space, or of access to a file",
+                (true, false) => "it failed",
+                (false, false) => return None,
+            };
+            return Some(why.to_owned());
         }
         record.as_read.clone_from(&files.as_read);
         let what = self.changed_file(record)?;
@@ -151,7 +162,9 @@ impl Batch<'_> {
         };
         let graph = session.as_last_known(&graph);
         let made = session.made_of_nodes(&graph);
-        let forecasts = session.dry_run(&graph, &[]).unwrap_or_default();
+        let folder = self.folder_of(task);
+        session.recall(&folder);
+        let forecasts = session.dry_run(&graph, &[], &folder).unwrap_or_default();
         forecasts.into_iter().map(|it| (made[it.index], it)).collect()
     }
 
@@ -191,7 +204,7 @@ impl Batch<'_> {
             Some(Ok((graph, warnings))) => {
                 problems.extend(warnings);
                 done = self.produced(session, task, &graph, observer, cancel);
-                problems.append(&mut done.problems);
+                problems = with_those_of_run(problems, std::mem::take(&mut done.problems));
             }
         }
         if cancel.is_cancelled() {
@@ -215,6 +228,7 @@ impl Batch<'_> {
             state: if has_error { State::Failed } else { State::Done },
             values: names.zip(task.row.values.iter().cloned()).collect(),
             seconds: start.elapsed().as_secs_f64(),
+            may_pass: has_error && done.may_pass,
             nodes: counts(&done.trace),
             outputs: done.outputs,
             picture,
@@ -236,9 +250,7 @@ impl Batch<'_> {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Done {
-        let inputs = task.row.inputs.iter().map(|(_, file)| &**file);
-        let folder = self.out.join(&task.name);
-        let folder = OutputFolder::of_task(&folder, self.is_named, self.signs).keeping(inputs);
+        let folder = self.folder_of(task);
         session.recall(&folder);
         let produced = match session.produce(graph, &[], &folder, observer, cancel) {
             Ok(produced) => produced,
@@ -250,7 +262,15 @@ impl Batch<'_> {
         let outputs = written
             .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
             .collect();
-        Done { outputs, picture, trace: produced.trace(), problems: produced.problems }
+        let (trace, may_pass, problems) = (produced.trace(), produced.may_pass, produced.problems);
+        Done { outputs, picture, trace, may_pass, problems }
+    }
+
+    /// The folder of a task's outputs.
+    fn folder_of(&self, task: &Task) -> OutputFolder {
+        let inputs = task.row.inputs.iter().map(|(_, file)| &**file);
+        let folder = self.out.join(&task.name);
+        OutputFolder::of_task(&folder, self.is_named, self.signs).keeping(inputs)
     }
 
     /// A file that was just written.
@@ -296,8 +316,11 @@ impl Batch<'_> {
 
     /// Removes what killed processes left among the records: once, because there may be many.
     pub(super) fn sweep_records(&self) {
-        let folder = self.out.join(super::record::FOLDER);
-        self.destination(&Sources::default()).sweep(&folder);
+        let (root, sources) = (self.out.join(super::record::FOLDER), Sources::default());
+        let destination = self.destination(&sources);
+        let tasks = self.sweep.tasks.iter().map(|task| Path::new(&task.name));
+        let folders: BTreeSet<&Path> = tasks.flat_map(|task| task.ancestors().skip(1)).collect();
+        folders.iter().for_each(|folder| destination.sweep(&root.join(folder)));
     }
 
     pub(super) fn destination<'s>(&self, sources: &'s Sources) -> Destination<'s> {
@@ -314,6 +337,7 @@ struct Done {
     outputs: Vec<Output>,
     picture: Option<Vec<u8>>,
     trace: RunTrace,
+    may_pass: bool,
     problems: Vec<Problem>,
 }
 

@@ -112,7 +112,7 @@ impl Block {
         if self.running {
             let node = self.node.as_ref().map(|(node, share)| match share {
                 Some(share) => format!("computing {}, {:.0} %", harmless(node), share * 100.0),
-                None => format!("computing {}", harmless(node)),
+                None => format!("computing {}, progress unknown", harmless(node)),
             });
             let node = node.unwrap_or_else(|| "running".into());
             return format!("{graph}  run {}: {node}", self.run);

@@ -1,7 +1,8 @@
 //! A watch under way: one thread listens and decides, one evaluates.
 //!
 //! A change of the graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change stops an
-//! evaluation under way, unless it means the same.
+//! evaluation under way, unless it means the same. Outputs are written, and the user's command is started, when no more changes
+//! come ([`Series`]): pages show values before.
 
 use std::collections::BTreeSet;
 use std::iter;
@@ -23,12 +24,14 @@ use super::on_done::{Ended, OnDone};
 use super::view::View;
 use super::worker::{Job, News, Purpose, Report, Sight, Worker};
 use super::{Message, Watch, editor, reads_outside};
-use crate::listen::{Batch, Contents, Event, Sources};
+use crate::listen::{Batch, Contents, Series, Sources};
 use crate::terminal::Input;
 use crate::{Exit, stdout_is_closed};
 
+mod changes;
 mod page;
 
+use changes::return_to;
 use page::Change;
 
 /// What is known of the graph's text.
@@ -56,6 +59,13 @@ pub(super) struct Session<'a> {
     told: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
+    series: Series,
+    /// The folder in which the watch was started.
+    here: PathBuf,
+    /// Whether it is yet to be said that a run with errors in the graph is over.
+    is_broken: bool,
+    /// When the user's command is to be started, if no newer change comes.
+    command_due: Option<Instant>,
     /// Whether the graph has been without unknown nodes: pages go on to show it as it was then while the name of a type is typed.
     was_whole: bool,
     check: Check,
@@ -142,6 +152,10 @@ impl<'a> Session<'a> {
             told: None,
             contents: Contents::default(),
             batch: Batch::default(),
+            series: Series::default(),
+            here: std::env::current_dir().unwrap_or_default(),
+            is_broken: false,
+            command_due: None,
             was_whole: false,
             check: Check::Due,
             recompute: false,
@@ -175,7 +189,11 @@ impl<'a> Session<'a> {
             let frame = self.running.as_ref().map(|_| now + FRAME);
             let retry = self.unwritten.as_ref().map(|(_, due)| *due);
             let rest = self.gives_up();
-            let due = [self.batch.due(), frame, retry, rest].into_iter().flatten().min();
+            let growth = self.series.growth_due();
+            let broken = self.series.settles().filter(|_| self.is_broken);
+            let command = self.command_due.filter(|_| self.is_idle());
+            let due = [self.batch.due(), frame, retry, rest, growth, broken, command];
+            let due = due.into_iter().flatten().min();
             let heard = match due {
                 None => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
@@ -192,6 +210,8 @@ impl<'a> Session<'a> {
                 Err(RecvTimeoutError::Timeout) if self.running.is_some() => self.view.refresh(),
                 Err(_) => {}
             }
+            let grown = self.series.take_grown(Instant::now());
+            self.files_changed(&BTreeSet::from_iter(grown), false);
             if let Some(touched) = self.batch.take(Instant::now()) {
                 let changed = self.contents.act_on(touched);
                 if !changed.is_empty() || self.wanted.is_some() {
@@ -203,6 +223,9 @@ impl<'a> Session<'a> {
                 self.leave();
             }
             self.start();
+            self.worker.hold.set(self.series.settles());
+            self.end_broken();
+            self.start_command();
             if stdout_is_closed() {
                 return self.stop(receiver);
             }
@@ -210,14 +233,16 @@ impl<'a> Session<'a> {
     }
 
     fn hear(&mut self, messages: Vec<Message>) {
-        let mut events = Vec::new();
-        for message in messages {
-            match message {
-                Message::Files(event) => events.push(event),
-                other => self.hear_one(other),
-            }
-        }
-        self.files_touched(&events);
+        // Files come first: a run whose files have changed is not the last one.
+        let is_event = |message: &mut Message| matches!(message, Message::Files(_));
+        let mut messages = messages;
+        let events = Vec::from_iter(messages.extract_if(.., is_event));
+        let event = |message| match message {
+            Message::Files(event) => Some(event),
+            _ => None,
+        };
+        self.files_touched(&Vec::from_iter(events.into_iter().filter_map(event)));
+        messages.into_iter().for_each(|message| self.hear_one(message));
     }
 
     fn hear_one(&mut self, message: Message) {
@@ -252,55 +277,9 @@ impl<'a> Session<'a> {
                     self.view.command_failed(&why);
                 }
                 if self.on_done.as_mut().is_some_and(OnDone::ended) {
-                    self.run_command();
+                    self.command_due.get_or_insert_with(Instant::now);
                 }
             }
-        }
-    }
-
-    /// Finds out which files have another content now, and reacts to it.
-    fn files_touched(&mut self, events: &[Event]) {
-        let (mut files, mut moved) = (BTreeSet::new(), false);
-        for event in events {
-            let touched = self.sources.touched(event);
-            moved |= !touched.is_empty() && !matches!(event, Event::Touched(_));
-            files.extend(touched);
-        }
-        let mut changed = false;
-        for file in &files {
-            changed |= self.reread(file);
-        }
-        if changed || moved {
-            self.rewatch();
-        }
-    }
-
-    /// Reads a file again; whether it holds something else now.
-    fn reread(&mut self, file: &Path) -> bool {
-        let Some(shape) = self.contents.refresh(file) else { return false };
-        self.batch.changed(file, shape, Instant::now());
-        self.changed(file, shape.is_whole());
-        true
-    }
-
-    /// A file holds something else.
-    fn changed(&mut self, file: &Path, whole: bool) {
-        let is_graph = self.sources.paths().next() == Some(file);
-        if is_graph && whole {
-            self.check_graph();
-        } else {
-            self.check = Check::Due;
-        }
-        if is_graph && whole {
-            self.end_drag();
-        }
-        let means_the_same = |running: &Running| match &self.check {
-            Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
-            Check::Due | Check::Bad { .. } => false,
-        };
-        // What may be half a file stops nothing yet.
-        if whole && self.running.as_ref().is_some_and(|running| !means_the_same(running)) {
-            self.cancel();
         }
     }
 
@@ -314,8 +293,9 @@ impl<'a> Session<'a> {
 
     /// Reads and checks the graph; shows its errors at once, unless it may be half a file.
     fn check_graph(&mut self) {
+        return_to(&self.here);
         let Checked { graph, partial, problems, files, subgraphs } =
-            self.command.options.load(&self.command.graph, self.catalog);
+            self.command.options.load(&self.command.graph, self.catalog).without_missing_files();
         let readable = !problems
             .iter()
             .any(|problem| problem.code == code::SYNTAX || problem.source.text.is_empty());
@@ -361,11 +341,13 @@ impl<'a> Session<'a> {
     fn rewatch(&mut self) {
         let (command, outside) = (self.command, self.outside);
         let (files, subgraphs, catalog) = (&self.files, &self.subgraphs, self.catalog);
-        let list = || command.watch_list(files, subgraphs, outside, catalog);
+        let here = &self.here;
+        let list = || command.watch_list(here, files, subgraphs, outside, catalog);
         for file in self.sources.update(list) {
             self.reread(&file);
         }
         self.contents.keep(self.sources.paths());
+        self.series.is_polled = self.sources.polled().is_some();
     }
 
     /// Says what is watched, if it is something else than before.
@@ -390,14 +372,28 @@ impl<'a> Session<'a> {
                 self.wanted.get_or_insert_default().extend(changed);
                 self.start();
             }
-            Check::Bad { problems, .. } => {
-                self.runs += 1;
-                self.view.end_broken(self.runs, problems);
-                self.failed = true;
+            Check::Bad { .. } => {
                 self.cancel();
                 self.wanted = None;
+                self.is_broken = true;
+                self.end_broken();
             }
             Check::Due => {}
+        }
+    }
+
+    /// Says that a run with errors in the graph is over, as soon as the changes have settled.
+    fn end_broken(&mut self) {
+        if !self.is_broken || self.series.settles().is_some_and(|due| Instant::now() < due) {
+            return;
+        }
+        self.is_broken = false;
+        if let Check::Bad { problems, .. } = &self.check {
+            self.runs += 1;
+            self.view.end_broken(self.runs, problems);
+            self.failed = true;
+            self.command_due = None;
+            self.series.end();
         }
     }
 
@@ -419,6 +415,8 @@ impl<'a> Session<'a> {
             if !(self.was_whole && is_part(&problems)) {
                 self.good = Some((self.runs, graph.clone()));
             }
+            self.is_broken = false;
+            self.worker.hold.set(self.series.settles());
             let recompute = std::mem::take(&mut self.recompute);
             self.give(self.runs, graph, problems, recompute, Purpose::Outputs);
         } else if self.look
@@ -493,10 +491,12 @@ impl<'a> Session<'a> {
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
         self.unwritten = folder.map(|folder| (folder, Instant::now() + RETRY));
         self.view.end(&report);
-        if !failed && !self.command.once {
-            self.run_command();
-        }
         self.failed = failed;
+        let due = self.series.command_due().unwrap_or_else(Instant::now);
+        self.command_due = (!failed && !self.command.once).then_some(due);
+        if self.wanted.is_none() && self.batch.due().is_none() {
+            self.series.end();
+        }
     }
 
     /// Makes a run as soon as files can be written again where the last one could not: no event tells of it.
@@ -515,7 +515,19 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn run_command(&mut self) {
+    /// Returns true if neither a run nor a change is under way.
+    fn is_idle(&self) -> bool {
+        let is_changing = self.batch.due().is_some() || self.is_broken;
+        self.running.is_none() && self.wanted.is_none() && !is_changing
+    }
+
+    /// Starts the user's command if it is due, and no newer change is there.
+    fn start_command(&mut self) {
+        let is_due = self.command_due.is_some_and(|due| due <= Instant::now());
+        if !is_due || !self.is_idle() {
+            return;
+        }
+        self.command_due = None;
         if let Some(on_done) = &mut self.on_done {
             let sender = self.sender.clone();
             on_done.start(move |message| drop(sender.send(message)));

@@ -218,6 +218,11 @@ impl Observer for Stubborn {
 struct Both(Box<dyn Observer>, Box<dyn Observer>);
 
 impl Observer for Both {
+    fn planned(&self, count: usize) {
+        self.0.planned(count);
+        self.1.planned(count);
+    }
+
     fn started(&self, node: &str) {
         self.0.started(node);
         self.1.started(node);
@@ -272,14 +277,11 @@ impl View for Lines {
 
     fn begin(&mut self, _: usize, _: &[PathBuf]) {}
 
-    /// Warnings are printed with the run that they belong to.
-    fn checked(&mut self, _: usize, problems: &[Problem]) {
-        if has_errors(problems) {
-            report(problems);
-        }
-    }
+    /// Problems are printed with the run that they belong to.
+    fn checked(&mut self, _: usize, _: &[Problem]) {}
 
     fn end_broken(&mut self, run: usize, problems: &[Problem]) {
+        report(problems);
         let errors = problems.iter().filter(|problem| problem.severity == Severity::Error).count();
         let errors = counted(errors, "error");
         print(&format!("run {run}: {errors}; the outputs stay as they are\n"));

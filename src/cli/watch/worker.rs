@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
-use std::time::Instant;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use maquette_engine::eval::{Observer, RunTrace};
 use maquette_engine::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
@@ -13,8 +13,7 @@ use maquette_graph::Graph;
 use maquette_node::CancelToken;
 use maquette_preview::{Shown, Viewed, Views};
 use maquette_render::picture_of;
-use maquette_syntax::error::in_words;
-use maquette_syntax::error::{Problem, Severity, code};
+use maquette_syntax::error::{Problem, Severity, code, in_words, with_those_of_run};
 use maquette_value::AnyValue;
 
 use crate::inputs::InputOptions;
@@ -96,10 +95,36 @@ pub(super) struct Wishes {
 /// Makes what follows the evaluation that a token stops.
 pub(super) type Observe = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 
+/// Until when outputs are not written.
+#[derive(Default)]
+pub(super) struct Hold(Mutex<Option<Instant>>);
+
+impl Hold {
+    /// An evaluation that was cancelled notices it after this.
+    const PAUSE: Duration = Duration::from_millis(10);
+
+    pub(super) fn set(&self, until: Option<Instant>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = until;
+    }
+
+    /// Waits until outputs may be written, or the evaluation is cancelled.
+    fn wait(&self, cancel: &CancelToken) {
+        while !cancel.is_cancelled() {
+            let until = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let now = Instant::now();
+            match until {
+                Some(until) if now < until => std::thread::sleep(Self::PAUSE.min(until - now)),
+                _ => return,
+            }
+        }
+    }
+}
+
 /// Evaluates one job after the other, always with the same evaluator, whose cache knows what is still valid.
 pub(super) struct Worker {
     jobs: Sender<Job>,
     wishes: Arc<Wishes>,
+    pub(super) hold: Arc<Hold>,
 }
 
 impl Worker {
@@ -112,7 +137,8 @@ impl Worker {
         session.recall(&wishes.folder);
         let wishes = Arc::new(wishes);
         let (jobs, receiver) = channel::<Job>();
-        let of_all = wishes.clone();
+        let hold = Arc::<Hold>::default();
+        let (of_all, until) = (wishes.clone(), hold.clone());
         std::thread::spawn(move || {
             let mut last = Seen::new();
             let mut kept = session.memory();
@@ -123,6 +149,8 @@ impl Worker {
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
                     let tell = |sight| sink(News::Sight(sight));
+                    let wait = || until.wait(&job.cancel);
+                    let tell = Tell { sight: &tell, wait: &wait };
                     evaluate(&job, &mut session, &mut kept, &of_all, &*observer, &mut last, &tell)
                 }));
                 sink(News::Report(report.unwrap_or_else(|panic| {
@@ -134,7 +162,7 @@ impl Worker {
             // The process ends here; giving the memory back piece by piece would only take time.
             std::mem::forget(session);
         });
-        Self { jobs, wishes }
+        Self { jobs, wishes, hold }
     }
 
     pub(super) fn start(&self, job: Job) {
@@ -150,7 +178,15 @@ impl Drop for Worker {
     }
 }
 
-/// Does a job. `kept` is how many bytes of results stay behind it, `last` what was seen last; `tell` is told what is seen now.
+/// What a job does before it writes.
+struct Tell<'a> {
+    /// Tells what is seen now.
+    sight: &'a dyn Fn(Sight),
+    /// Waits until outputs may be written.
+    wait: &'a dyn Fn(),
+}
+
+/// Does a job. `kept` is how many bytes of results stay behind it, `last` what was seen last.
 fn evaluate(
     job: &Job,
     session: &mut Session,
@@ -158,9 +194,10 @@ fn evaluate(
     wishes: &Wishes,
     observer: &dyn Observer,
     last: &mut Seen,
-    tell: &dyn Fn(Sight),
+    tell: &Tell<'_>,
 ) -> Report {
     let start = Instant::now();
+    let mut waited = Duration::ZERO;
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
     let mut seen = None;
@@ -178,7 +215,13 @@ fn evaluate(
             let values = seen.as_ref().map(|seen| viewed(&graph, seen, &job.views, session, last));
             let resolved = (!graph.loops().is_empty()).then(|| Arc::new(graph.clone()));
             if !job.cancel.is_cancelled() {
-                tell(Sight { run: job.run, graph: resolved, values: values.unwrap_or_default() });
+                let values = values.unwrap_or_default();
+                (tell.sight)(Sight { run: job.run, graph: resolved, values });
+            }
+            if job.purpose == Purpose::Outputs {
+                let start = Instant::now();
+                (tell.wait)();
+                waited = start.elapsed();
             }
         };
         let produced = (job.purpose == Purpose::Outputs).then(|| {
@@ -194,7 +237,7 @@ fn evaluate(
     let (trace, written, complete) = match produced {
         Ok(Some(produced)) => {
             let trace = produced.trace();
-            problems.extend(produced.problems);
+            problems = with_those_of_run(problems, produced.problems);
             (trace, produced.written, produced.complete)
         }
         Ok(None) => Default::default(),
@@ -233,7 +276,7 @@ fn evaluate(
         problems,
         written,
         unwritten: (!complete).then(|| folder.path().to_owned()),
-        seconds: start.elapsed().as_secs_f64(),
+        seconds: start.elapsed().saturating_sub(waited).as_secs_f64(),
         purpose: job.purpose,
     }
 }

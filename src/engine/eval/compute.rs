@@ -84,7 +84,10 @@ impl Run<'_> {
         let is_kept = match self.evaluator.shelf() {
             // They are cut again at once from what is kept.
             _ if node.kind() == ELEMENTS => false,
-            Some(disk) => disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look),
+            Some(disk) => {
+                let is_new = self.plan.tasks[index] == Task::Look;
+                disk.keep(key, node.kind(), &outcome, &values, is_new)
+            }
             None => {
                 outcome.owe();
                 false
@@ -268,7 +271,7 @@ impl Run<'_> {
         self.memory.fits(self.estimate(index, inputs, &files)?, &self.evaluator.cache)?;
         let (values, _) = self.eval(index, inputs, &files)?;
         if let Some(disk) = self.evaluator.shelf().filter(|_| node.kind() != ELEMENTS) {
-            disk.keep(done.key, &done.outcome, &values, false);
+            disk.keep(done.key, node.kind(), &done.outcome, &values, false);
         }
         self.evaluator.cache.hold(done.key, &done.outcome, &values);
         self.hold(index, &values);
@@ -282,4 +285,4 @@ impl Run<'_> {
 /// A lost result cannot be computed again.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("a file that it reads has just been changed; run it again")]
-struct ChangedMeanwhile;
+pub(super) struct ChangedMeanwhile;

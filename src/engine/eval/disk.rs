@@ -40,6 +40,7 @@ mod program;
 mod record;
 mod seal;
 mod share;
+mod sizes;
 mod usage;
 mod writer;
 
@@ -48,6 +49,7 @@ use entry::Entry;
 use maquette_remote::Remote;
 pub use program::this_is_a_program;
 use seal::{seal, unsealed};
+pub use sizes::{NodeSize, Sizes};
 pub use usage::Usage;
 use writer::{Job, Writer};
 
@@ -66,6 +68,16 @@ pub enum DiskError {
     /// What others wrote is not believed.
     #[error("the cache {} belongs to another user", .0.display())]
     OtherUser(PathBuf),
+    /// Files that should go stay.
+    #[error("cannot remove {count} of the files in the cache {}: {error}", .folder.display())]
+    Kept {
+        /// The folder.
+        folder: PathBuf,
+        /// The number of files.
+        count: usize,
+        /// Why the first one stays.
+        error: io::Error,
+    },
     /// The system says why.
     #[error("the cache {} cannot be used: {error}", .folder.display())]
     System {
@@ -145,6 +157,16 @@ impl Disk {
         self.store.entry_path(key).exists()
     }
 
+    /// Returns true if there is a whole entry of this key, and a file for each of its columns.
+    pub(super) fn holds(&self, key: Hash) -> bool {
+        let path = self.store.entry_path(key);
+        let bytes = plain::read_own(&path).ok().and_then(|bytes| unsealed(&path, bytes));
+        let columns = bytes.and_then(|bytes| entry::columns(&bytes, key).flatten());
+        columns.is_some_and(|columns| {
+            columns.iter().all(|(column, _)| self.store.column_path(*column).exists())
+        })
+    }
+
     /// What is known of a result.
     pub(super) fn find(&self, key: Hash) -> Option<Outcome> {
         self.store.entry(key).map(|entry| entry.outcome())
@@ -166,11 +188,12 @@ impl Disk {
         values
     }
 
-    /// Keeps a result if reading it back is faster than computing it. Returns before it is written. If what was kept before is
+    /// Keeps a result of a node of this type if reading it back is faster than computing it. Returns before it is written. If what was kept before is
     /// lost, the columns that are still there are not `trusted`. Whether it is kept.
     pub(super) fn keep(
         &self,
         key: Hash,
+        node: &str,
         outcome: &Arc<Outcome>,
         values: &Values,
         trusted: bool,
@@ -180,8 +203,8 @@ impl Disk {
         let keeps =
             pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none();
         if keeps {
-            let (outcome, values) = (outcome.clone(), values.clone());
-            self.writer.send(Job::Entry { key, outcome, values, trusted });
+            let (node, outcome, values) = (node.to_owned(), outcome.clone(), values.clone());
+            self.writer.send(Job::Entry { key, node, outcome, values, trusted });
         }
         keeps
     }
@@ -333,7 +356,7 @@ impl Columns for Store {
     /// The content is not judged here: who asks compares its hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let path = self.column_path(hash);
-        let read = fs::File::open(&path).and_then(|mut file| {
+        let read = plain::open_own(&path).and_then(|mut file| {
             let fits = file.metadata()?.len() == into.len() as u64;
             if fits { file.read_exact(into).map(|()| true) } else { Ok(false) }
         });
@@ -403,7 +426,8 @@ mod tests {
             let outputs = [(value.kind().name, value.hash())].into();
             let outcome = Outcome::known(outputs, Vec::new(), value.size(), 1.0);
             let (key, values) = (Hash::of(b"key"), Values::from(vec![value]));
-            Job::Entry { key, outcome: outcome.into(), values, trusted: true }.run(&store);
+            let (node, outcome) = (String::new(), outcome.into());
+            Job::Entry { key, node, outcome, values, trusted: true }.run(&store);
             assert_eq!(store.entry_path(key).exists(), is_intact, "{n}");
             let columns = fs::read_dir(store.home.join("columns")).unwrap().count();
             assert_eq!(columns, usize::from(is_intact && n == 10_000));

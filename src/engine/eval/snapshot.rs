@@ -54,7 +54,7 @@ impl Snapshot {
     pub(super) fn settle(&self, disk: &Disk) {
         for done in self.results.iter().flatten().filter(|done| done.outcome.settle()) {
             if let Some(values) = done.outcome.values() {
-                disk.keep(done.key, &done.outcome, &values, true);
+                disk.keep(done.key, &done.parts.recipe.kind, &done.outcome, &values, true);
             }
         }
     }

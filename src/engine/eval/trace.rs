@@ -55,6 +55,8 @@ pub(crate) enum Reason {
     Cheap,
     /// The user wanted it computed, to compare.
     Verified,
+    /// Its file of this index may have changed: to know, a forecast would have to read all of it.
+    Unread(usize),
     /// It hangs on this node.
     HangsOn(usize),
     /// An error, in words.
@@ -76,6 +78,9 @@ impl Reason {
                 "computed again (cheap): it was too little work to be kept on disk".into()
             }
             Self::Verified => "computed again to compare it with its cached result".into(),
+            Self::Unread(index) => {
+                format!("file {} may have changed and was not read", node.files[*index].given)
+            }
             Self::HangsOn(index) => format!("hangs on `{}`", nodes[*index].name),
             Self::Error(words) => words.clone(),
         }

@@ -79,7 +79,7 @@ impl Evaluator {
     }
 
     /// What would become of the nodes that these hang on, in the graph's order, if the values of the nodes `values` were wanted
-    /// afterwards.
+    /// afterwards. Large files are not read for it.
     pub(crate) fn forecast(
         &mut self,
         graph: &Graph,
@@ -89,8 +89,9 @@ impl Evaluator {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
         let (observer, cancel) = ((), CancelToken::default());
-        let run = Run::new(self, graph, &plan, &[], &observer, &cancel);
-        let lost = |index: usize| match plan.known.get(index) {
+        let mut run = Run::new(self, graph, &plan, &[], &observer, &cancel);
+        run.files = run.files.sparing();
+        let lost = |index: usize| match run.done(index) {
             Some(done) if done.outcome.seconds <= WORTH_A_FILE => Reason::Cheap,
             _ => Reason::Lost,
         };
@@ -108,7 +109,31 @@ impl Evaluator {
             };
             told.push(Forecast { index, outlook, reason });
         }
+        // Backwards: what is computed needs the values of what it depends on, which may have been dropped.
+        let mut needs = vec![None; graph.nodes().len()];
+        values.iter().for_each(|&node| needs[node] = Some(Outlook::Runs));
+        for Forecast { index, outlook, reason } in told.iter_mut().rev() {
+            let is_lost = |done: &Arc<Done>| !self.holds_values(done);
+            if let (Outlook::Cached, Some(need)) = (*outlook, needs[*index])
+                && run.done(*index).is_some_and(is_lost)
+            {
+                (*outlook, *reason) = (need, lost(*index));
+            }
+            if matches!(outlook, Outlook::Runs | Outlook::MayRun) {
+                for source in graph.shape().sources(*index) {
+                    // Who surely runs surely needs it.
+                    let is_sure = needs[source] == Some(Outlook::Runs);
+                    needs[source] = Some(if is_sure { Outlook::Runs } else { *outlook });
+                }
+            }
+        }
         told
+    }
+
+    /// Returns true if a result's values can be had without computing them, as far as that is known without reading large ones.
+    fn holds_values(&self, done: &Done) -> bool {
+        let is_kept = || self.known_results().is_some_and(|disk| disk.holds(done.key));
+        done.outcome.has_values() || is_kept()
     }
 }
 
@@ -134,6 +159,12 @@ impl Run<'_> {
         }
         let unknown = node.links.iter().find(|link| self.done(link.node).is_none());
         let before = self.before(index);
+        if let Some(file) = node.files.iter().position(|file| self.files.is_spared(file)) {
+            return match before {
+                None => (Outlook::Runs, Reason::First),
+                Some(_) => (Outlook::MayRun, Reason::Unread(file)),
+            };
+        }
         let mut parts = match self.parts(node) {
             Ok(parts) => parts,
             Err(error) => return (Outlook::Fails, Reason::Error(error.to_string())),
@@ -185,9 +216,15 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
             format!("`{name}` is skipped: it hangs on `{above}`, which cannot run: {reason}\n")
         }
         Outlook::Runs => format!("`{name}` runs: {reason}\n"),
+        Outlook::MayRun if !matches!(forecast.reason, Reason::HangsOn(_)) => {
+            format!("`{name}` may run: {reason}\n")
+        }
         Outlook::MayRun => {
             let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
-            let is_cause = |it: &&Forecast| matches!(it.outlook, Outlook::Runs | Outlook::Fails);
+            let is_cause = |it: &&Forecast| {
+                matches!(it.outlook, Outlook::Runs | Outlook::Fails)
+                    || matches!(it.reason, Reason::Unread(_))
+            };
             for cause in forecasts.iter().filter(is_cause) {
                 let (name, word) = (&graph.nodes()[cause.index].name, cause.word());
                 let _ = writeln!(text, "  `{name}` {word}: {}", cause.reason_in(graph));

@@ -19,6 +19,8 @@ pub struct ReadFiles {
     pub by_name: BTreeMap<String, Option<Hash>>,
     /// What the system said of them, so that they need not be read again.
     pub as_read: Vec<KnownFile>,
+    /// The first one that was not read, in a forecast.
+    pub unread: Option<String>,
 }
 
 impl Session {
@@ -33,8 +35,13 @@ impl Session {
         self.evaluator.known_files().extend(files);
     }
 
-    /// The files that a graph reads with these files at its inputs; none if one cannot be read.
-    pub fn files_of(&self, graph: &Graph, inputs: &[(String, PathBuf)]) -> Option<ReadFiles> {
+    /// The files that a graph reads with these files at its inputs; none if one cannot be read. A forecast reads no large ones.
+    pub fn files_of(
+        &self,
+        graph: &Graph,
+        inputs: &[(String, PathBuf)],
+        is_forecast: bool,
+    ) -> Option<ReadFiles> {
         let folder = |file: &Path| match file.parent() {
             Some(folder) if folder != Path::new("") => folder.to_owned(),
             _ => PathBuf::from("."),
@@ -45,14 +52,26 @@ impl Session {
             path: path.clone(),
             needed: true,
             roots: [root.clone()].into(),
+            missing: None,
         };
         let inputs = Vec::from_iter(inputs.iter().map(input));
         let known = self.evaluator.known_files();
         let reads = Reads::new(known, graph.readers());
+        let reads = if is_forecast { reads.sparing() } else { reads };
         let all = graph.nodes().iter().flat_map(|node| &node.files).chain(&inputs);
         let mut files = ReadFiles::default();
         for file in all.clone() {
-            files.by_name.insert(within(&root, &file.path), reads.hash(file).ok()?);
+            if reads.is_spared(file) {
+                files.unread.get_or_insert_with(|| within(&root, &file.path));
+                continue;
+            }
+            let hash = match reads.hash(file) {
+                Ok(hash) => hash,
+                // It is known that there is none: when there is one, that is a change.
+                Err(_) if file.missing.is_some() && !file.path.exists() => None,
+                Err(_) => return None,
+            };
+            files.by_name.insert(within(&root, &file.path), hash);
         }
         files.as_read = known.of(all.map(|file| &*file.path));
         Some(files)

@@ -219,21 +219,55 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &mut Evaluator,
     ) -> Vec<usize> {
+        let is_right = |name: &str, made_of| self.still_there(name, made_of).is_some();
+        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+    }
+
+    /// The same as far as the stamps of files tell, without reading any.
+    pub(super) fn nodes_to_write_by_stamps(
+        &self,
+        outputs: &[&GraphOutput],
+        graph: &Graph,
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+    ) -> Vec<usize> {
+        let is_right = |name: &str, made_of| {
+            let known = self.lock();
+            let files = known.get(name).filter(|known| known.made_of == made_of);
+            files.is_some_and(|known| {
+                known.files.iter().all(|(file, left)| {
+                    left.as_ref().is_some_and(|left| Stamp::of(&file.path) == Some(left.stamp))
+                })
+            })
+        };
+        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+    }
+
+    /// The nodes of outputs, but not of those whose files, made of a value and what they tell of it, are right.
+    fn nodes_unless(
+        &self,
+        outputs: &[&GraphOutput],
+        graph: &Graph,
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+        is_right: impl Fn(&str, Hash) -> bool,
+    ) -> Vec<usize> {
         let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
         let known = evaluator.foreseen(graph, &nodes);
         let teller = self.signs.then(|| Teller::new(graph, catalog));
-        let is_right = |output: &&&GraphOutput| {
+        let is_known = |output: &&&GraphOutput| {
             known.hash(output.node, output.output).is_some_and(|value| {
                 let told =
                     teller.as_ref().map(|it| it.signature(output, |node| known.read_by(node)));
-                self.still_there(&output.name, made_of(value, told.as_ref())).is_some()
+                is_right(&output.name, made_of(value, told.as_ref()))
             })
         };
-        outputs.iter().filter(|output| !is_right(output)).map(|output| output.node).collect()
+        outputs.iter().filter(|output| !is_known(output)).map(|output| output.node).collect()
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
-    /// written is a problem; the file that was there before stays. What files cannot tell is a warning. Stops early if cancelled.
+    /// written is a problem; the file that was there before stays. What files cannot tell is a warning. Stops early if cancelled. Says,
+    /// too, whether the system refused a file.
     pub(super) fn write(
         &self,
         outputs: &[&GraphOutput],
@@ -242,7 +276,7 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &Evaluator,
         cancel: &CancelToken,
-    ) -> (Vec<Written>, Vec<Problem>) {
+    ) -> (Vec<Written>, Vec<Problem>, bool) {
         let folders: BTreeSet<PathBuf> =
             outputs.iter().map(|output| self.folder_of(output)).collect();
         let mut sources = Sources::of(graph);
@@ -258,17 +292,20 @@ impl OutputFolder {
             false => self.output(output, evaluation, graph, signature(output), &destination),
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
-        let (mut files, mut problems) = (Vec::new(), Vec::new());
+        let (mut files, mut problems, mut is_refused) = (Vec::new(), Vec::new(), false);
         for (output, result) in outputs.iter().zip(results) {
             match result {
                 Ok(written) => {
                     problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
                     files.extend(written);
                 }
-                Err(problem) => problems.push(*problem),
+                Err(unwritten) => {
+                    is_refused |= unwritten.is_refused;
+                    problems.push(*unwritten.problem);
+                }
             }
         }
-        (files, problems)
+        (files, problems, is_refused)
     }
 
     /// What the files of an output, which are right now, cannot tell of its value.
@@ -290,7 +327,7 @@ impl OutputFolder {
         graph: &Graph,
         signature: Option<Signature>,
         destination: &Destination<'_>,
-    ) -> Result<Vec<Written>, Box<Problem>> {
+    ) -> Result<Vec<Written>, Unwritten> {
         let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
         };
@@ -301,7 +338,8 @@ impl OutputFolder {
         let problem = |message: String, help: &str| {
             let place = (output.source.clone(), output.span);
             let problem = Problem::new(Severity::Error, code::FAILED, place, message);
-            Box::new(Problem { help: help.into(), ..problem })
+            let problem = Box::new(Problem { help: help.into(), ..problem });
+            Unwritten { problem, is_refused: false }
         };
         let mut start = Instant::now();
         let cannot = |error| problem(format!("cannot write `{}`: {error}", output.name), "");
@@ -340,7 +378,9 @@ impl OutputFolder {
                     }
                     _ => "--out chooses another folder",
                 };
-                problem(format!("cannot write {}: {refused}", path.display()), help)
+                let message = format!("cannot write {}: {refused}", path.display());
+                let is_refused = !matches!(refused, Refused::Source(_));
+                Unwritten { is_refused, ..problem(message, help) }
             })?;
             let seconds = start.elapsed().as_secs_f64();
             start = Instant::now();
@@ -416,6 +456,13 @@ impl OutputFolder {
     fn lock(&self) -> MutexGuard<'_, HashMap<String, Known>> {
         self.known.lock().unwrap_or_else(|broken| broken.into_inner())
     }
+}
+
+/// Why an output was not written.
+struct Unwritten {
+    problem: Box<Problem>,
+    /// Whether the system, or what is in the folder, refused it: then it may be written another time.
+    is_refused: bool,
 }
 
 /// What files are made of: a value, and what they tell of it.

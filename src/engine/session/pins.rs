@@ -7,7 +7,7 @@ use maquette_syntax::error::{Problem, code};
 
 use super::Finished;
 use crate::writing::{
-    Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,
+    Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty, sweep,
 };
 
 /// Why pins are not changed.
@@ -102,6 +102,7 @@ pub fn unpin(graph: &Path, names: &[String]) -> Result<Vec<String>, PinError> {
     }
     taken.iter().try_for_each(|(_, pin)| tidy(&pins, pin))?;
     if pins.pins.is_empty() {
+        sweep(&pins.folder);
         remove_empty(&pins.folder);
     }
     Ok(taken.into_iter().map(|(name, _)| name).collect())

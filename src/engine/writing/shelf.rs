@@ -85,9 +85,13 @@ fn sweep(parent: &Path) {
         let path = entry.path();
         let is_shelf = entry.file_name().to_string_lossy().starts_with(START)
             && fs::symlink_metadata(&path).is_ok_and(|metadata| metadata.is_dir());
-        let locked = || File::options().write(true).open(path.join(LOCK)).map(|it| it.try_lock());
+        let lock = path.join(LOCK);
+        // To open a pipe would wait for its reader.
+        let is_plain = || fs::symlink_metadata(&lock).is_ok_and(|metadata| metadata.is_file());
+        let locked = || File::options().write(true).open(&lock).map(|it| it.try_lock());
         // One without a lock is being made.
         if is_shelf
+            && is_plain()
             && locked().is_ok_and(|it| {
                 !matches!(it, Err(TryLockError::WouldBlock | TryLockError::Error(_)))
             })

@@ -3,9 +3,11 @@
 //! Each has a name of a form that nothing else has, and is locked by the process that writes it. The system takes a lock away with
 //! its process: a file that can be locked is no longer written by anybody. On file systems without locks nothing is swept.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use tempfile::{Builder, NamedTempFile};
 
@@ -59,6 +61,16 @@ pub(crate) fn is_abandoned(path: &Path) -> bool {
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
     let locked = || File::options().append(true).open(path).map(|file| file.try_lock());
     is_temporary(path) && is_file && locked().is_ok_and(|locked| locked.is_ok())
+}
+
+/// Sweeps a folder before this process first writes there: a batch writes thousands of files to one folder.
+pub(super) fn sweep_once(folder: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    let is_new = SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.clone());
+    if is_new {
+        sweep(&folder);
+    }
 }
 
 /// Removes what processes that were killed while they wrote have left in a folder.

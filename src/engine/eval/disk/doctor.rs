@@ -167,7 +167,7 @@ fn entry_at(path: &Path) -> Entry {
 fn is_column(path: &Path, hash: Hash, items: u64) -> bool {
     let hashed = || {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(&items.to_le_bytes()).update_reader(std::fs::File::open(path)?)?;
+        hasher.update(&items.to_le_bytes()).update_reader(plain::open_own(path)?)?;
         io::Result::Ok(Hash(*hasher.finalize().as_bytes()))
     };
     hashed().is_ok_and(|found| found == hash)

@@ -1,9 +1,11 @@
 //! An entry: what a node gave, as bytes.
 
 use std::collections::HashMap;
+use std::io::Read;
 use std::ops::Range;
+use std::path::Path;
 
-use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
+use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType, plain};
 use serde::{Deserialize, Serialize};
 
 use super::super::cache::{Outcome, Values};
@@ -15,6 +17,9 @@ const MAGIC: &[u8; 8] = b"maqent03";
 #[derive(Serialize, Deserialize)]
 struct Header {
     key: String,
+    /// The type of the node.
+    #[serde(default)]
+    node: String,
     outputs: Vec<OutputHeader>,
     /// The large columns of all outputs, and how many items each has.
     columns: Vec<(Hash, u64)>,
@@ -40,7 +45,7 @@ pub(super) struct Entry {
 }
 
 /// The bytes of an entry for these values.
-pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
+pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
     let outputs = outcome.outputs.iter().zip(kept).map(|((kind, hash), kept)| OutputHeader {
         kind: (*kind).to_owned(),
         hash: hash.to_string(),
@@ -49,6 +54,7 @@ pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
     let columns = kept.iter().flat_map(|kept| &kept.columns);
     let header = Header {
         key: key.to_string(),
+        node: node.to_owned(),
         outputs: outputs.collect(),
         columns: columns.map(|column| (column.hash(), column.items() as u64)).collect(),
         warnings: outcome.warnings.to_vec(),
@@ -71,6 +77,18 @@ fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     let (header, _) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
     let start = MAGIC.len() + length.len() + header.len();
     Some((serde_json::from_slice(header).ok()?, start))
+}
+
+/// Returns the type of the node that gave the result in a file, and the columns that it names. The rest of the file is not read.
+pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
+    let mut file = plain::open_own(path).ok()?;
+    let mut start = [0; MAGIC.len() + size_of::<u64>()];
+    file.read_exact(&mut start).ok()?;
+    let (_, length) = start.split_last_chunk()?;
+    let mut bytes = start.to_vec();
+    file.take(u64::from_le_bytes(*length)).read_to_end(&mut bytes).ok()?;
+    let (header, _) = header(&bytes)?;
+    Some((header.node, header.columns.into_iter().map(|(column, _)| column).collect()))
 }
 
 /// The columns that the entry of this key names, and how many items each has: `Some(None)` if it is of another key or does not hold

@@ -1,6 +1,6 @@
 //! What the last evaluation of a graph found, without values: so that the next process knows at once what changed, and why.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use maquette_graph::Recipe;
@@ -17,6 +17,9 @@ use super::Store;
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,
+    /// The graph's file.
+    #[serde(default)]
+    graph: Option<String>,
     /// The identity of the graph's shape.
     shape: Hash,
     nodes: Vec<Node>,
@@ -55,8 +58,25 @@ pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
         result: done.as_ref().map(|done| result(done)),
     });
     let nodes = nodes.collect();
-    let record = Record { version: VERSION, shape: *shape, nodes, files: files.to_vec() };
+    let graph = std::path::absolute(&snapshot.graph).ok();
+    let graph = graph.and_then(|graph| Some(graph.to_str()?.to_owned()));
+    let record = Record { version: VERSION, graph, shape: *shape, nodes, files: files.to_vec() };
     serde_json::to_vec(&record).unwrap_or_default()
+}
+
+/// A result: its key, and the name and type of the node that gave it.
+pub(super) type Owned = (Hash, String, String);
+
+/// Returns the file of the graph in a record, if it is known, and the last results of its nodes.
+pub(super) fn owned(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<Owned>)> {
+    let record: Record = serde_json::from_slice(bytes).ok()?;
+    let nodes = record.nodes.into_iter().filter_map(|node| {
+        let NodeResult { kind, parameters, identity, inputs, files, .. } = node.result?;
+        let recipe = Arc::new(Recipe { kind: kind.clone(), parameters, identity });
+        let parts = Parts { recipe, inputs: inputs.into(), files: files.into() };
+        Some((parts.key(), node.name, kind))
+    });
+    Some((record.graph.map(PathBuf::from), nodes.collect()))
 }
 
 fn result(done: &Done) -> NodeResult {

@@ -1,6 +1,7 @@
 //! How much the cache holds, and what goes when that is too much.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
@@ -49,21 +50,31 @@ impl Disk {
     /// half written. Gives the number of bytes that went. What is not ours stays.
     ///
     /// # Errors
-    /// If the folder is there and is not a cache of ours.
+    /// If the folder is there and is not a cache of ours, or files that should go cannot be removed; the others are gone then.
     pub fn gc(folder: &Path, limit: u64) -> Result<u64, DiskError> {
         check(folder)?;
         let contents = contents(folder);
         let mut files = contents.files;
         let mut bytes: u64 = files.iter().map(|found| found.bytes).sum();
         let before = bytes;
+        let mut kept = None;
         files.sort_by_key(|found| std::cmp::Reverse(found.used));
         while let Some(Found { path, what, bytes: size, .. }) = files.pop() {
             let goes = match what {
                 What::Temporary => is_abandoned(&path),
                 _ => limit < bytes,
             };
-            if goes && remove(&path).is_ok() {
-                bytes -= size;
+            if !goes {
+                continue;
+            }
+            match remove(&path) {
+                Ok(()) => bytes -= size,
+                // Another process was quicker.
+                Err(error) if error.kind() == ErrorKind::NotFound => bytes -= size,
+                Err(error) => {
+                    let (count, _) = kept.get_or_insert((0, error));
+                    *count += 1;
+                }
             }
         }
         for home in contents.homes {
@@ -71,7 +82,10 @@ impl Disk {
             FOLDERS.iter().for_each(|name| remove_empty(&home.join(name)));
             remove_empty(&home);
         }
-        Ok(before - bytes)
+        let folder = folder.to_owned();
+        kept.map_or(Ok(before - bytes), |(count, error)| {
+            Err(DiskError::Kept { folder, count, error })
+        })
     }
 }
 

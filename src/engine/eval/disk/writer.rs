@@ -20,6 +20,8 @@ pub(super) enum Job {
     /// A result; over columns that are there already if they are not `trusted`.
     Entry {
         key: Hash,
+        /// The type of the node.
+        node: String,
         outcome: Arc<Outcome>,
         values: Values,
         trusted: bool,
@@ -127,7 +129,7 @@ impl Job {
 
     pub(super) fn run(self, store: &Store) {
         match self {
-            Self::Entry { key, outcome, values, trusted } => {
+            Self::Entry { key, node, outcome, values, trusted } => {
                 let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
                 if !kept.iter().all(|kept| kept.is_intact) {
                     return store.stop(CHANGED);
@@ -137,7 +139,8 @@ impl Job {
                     let is_new = store.write_column(&**column, trusted);
                     store.share(|| store.column_path(column.hash()), is_new);
                 }
-                store.write_checked(&store.entry_path(key), &entry::write(key, &outcome, &kept));
+                let bytes = entry::write(key, &node, &outcome, &kept);
+                store.write_checked(&store.entry_path(key), &bytes);
                 store.share(|| store.entry_path(key), true);
             }
             Self::Record { path, snapshot, files } => {

@@ -1,0 +1,252 @@
+//! The folder of results: what it says of its sizes, and what becomes of what cannot be removed, was forged, or was left half written.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use maquette::Hash;
+use serde_json::Value as Json;
+
+use crate::project::Project;
+
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
+    nodes: {
+        "mesh": ReadMesh(path: "tet.obj"),
+        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
+    },
+    outputs: { "out.obj": "lifted" },
+)
+"#;
+
+const TETRAHEDRON: &str =
+    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+fn project() -> Project {
+    let project = Project::new(GRAPH);
+    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
+    project
+}
+
+/// Runs a command with the cache in the project.
+fn run(project: &Project, words: &[&str]) -> (Option<i32>, String, String) {
+    let output = project.maquette(&[words, &["--cache", "cache"]].concat());
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+/// The files in a folder of each build in the cache.
+fn files(project: &Project, what: &str) -> Vec<PathBuf> {
+    let list = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+    let homes = list(&project.folder().join("cache")).map(|home| home.path().join(what));
+    homes.flat_map(|folder| list(&folder).map(|file| file.path()).collect::<Vec<_>>()).collect()
+}
+
+#[test]
+fn sizes_are_told_by_node_and_graph() {
+    let project = project();
+    run(&project, &["run", "doll.ron"]);
+    run(&project, &["run", "doll.ron", "--set", "lift=6"]);
+    let (code, text, _) = run(&project, &["cache", "du", "--json"]);
+    let told: Json = serde_json::from_str(&text).unwrap();
+    assert_eq!(code, Some(0));
+    let nodes = told["nodes"].as_array().unwrap();
+    let size = |node: &str, kind: &str| {
+        let is_it = |it: &&Json| it["node"] == *node && it["type"] == *kind;
+        nodes.iter().find(is_it).unwrap_or_else(|| panic!("{node}: {text}")).clone()
+    };
+    let graph = project.graph().display().to_string();
+    for (node, kind) in [("mesh", "ReadMesh"), ("lifted", "Transform")] {
+        let size = size(node, kind);
+        assert_eq!((&size["graph"], &size["results"]), (&graph.clone().into(), &1.into()));
+        assert!(size["bytes"].as_u64().unwrap() > 100, "{size}");
+    }
+    // No graph gave this last, but its type is known.
+    let older = nodes.iter().find(|it| it["graph"].is_null()).unwrap();
+    assert_eq!((&older["type"], &older["results"]), (&"Transform".into(), &1.into()), "{text}");
+    let bytes = |value: &Json| value.as_u64().unwrap();
+    let all = nodes.iter().map(|node| bytes(&node["bytes"])).sum::<u64>() + bytes(&told["other"]);
+    assert_eq!(all, bytes(&told["bytes"]));
+    let (_, ls, _) = run(&project, &["cache", "ls", "--json"]);
+    let ls: Json = serde_json::from_str(&ls).unwrap();
+    assert_eq!((&ls["bytes"], &ls["results"]), (&told["bytes"], &told["results"]));
+    assert!(nodes.is_sorted_by_key(|node| std::cmp::Reverse(bytes(&node["bytes"]))));
+    let (_, text, _) = run(&project, &["cache", "du"]);
+    assert!(text.contains("  doll.ron  lifted  Transform\n"), "{text}");
+    assert!(text.contains(" in all, 3 results\n"), "{text}");
+}
+
+#[cfg(unix)]
+#[test]
+fn what_cannot_be_removed_is_an_error() {
+    use std::os::unix::fs::{PermissionsExt, chown};
+    use std::os::unix::process::CommandExt;
+    /// Root may remove anything, so that another user has to try.
+    const NOBODY: u32 = 65534;
+    let project = project();
+    run(&project, &["run", "doll.ron"]);
+    let is_root = rustix::process::geteuid().is_root();
+    let cache = project.folder().join("cache");
+    let mut folders = vec![cache.clone()];
+    let mut next = 0;
+    while let Some(folder) = folders.get(next).cloned() {
+        let inner = fs::read_dir(&folder).unwrap().map(|it| it.unwrap().path());
+        folders.extend(inner.filter(|it| it.is_dir()));
+        next += 1;
+    }
+    let mode = |mode: u32| {
+        folders.iter().for_each(|folder| {
+            fs::set_permissions(folder, fs::Permissions::from_mode(mode)).unwrap();
+        });
+    };
+    // A copy, since nobody else may look into the folder of the build.
+    let program = project.folder().join("program");
+    fs::copy(env!("CARGO_BIN_EXE_maquette"), &program).unwrap();
+    let mut command = std::process::Command::new(&program);
+    command.current_dir(project.folder()).args(["cache", "clear", "--cache", "cache"]);
+    if is_root {
+        for folder in &folders {
+            chown(folder, Some(NOBODY), None).unwrap();
+        }
+        let mut above = project.folder();
+        fs::set_permissions(above, fs::Permissions::from_mode(0o755)).unwrap();
+        while let Some(folder) =
+            above.parent().filter(|folder| folder.starts_with(std::env::temp_dir()))
+        {
+            above = folder;
+        }
+        command.uid(NOBODY);
+    }
+    mode(0o555);
+    let count = files(&project, "entries").len();
+    assert!(count > 0);
+    let output = command.output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(
+        told.contains("error: cannot remove") && told.contains("= help: make the folder writable"),
+        "{told}"
+    );
+    assert_eq!(files(&project, "entries").len(), count);
+    mode(0o755);
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(files(&project, "entries").len(), 0);
+}
+
+/// The checksum at the end of a file of the cache.
+fn seal(path: &Path, content: &[u8]) -> [u8; 32] {
+    let mut all = Vec::new();
+    for name in [path.parent().unwrap().file_name(), path.file_name()] {
+        let name = name.unwrap().as_encoded_bytes();
+        all.extend((name.len() as u64).to_le_bytes());
+        all.extend(name);
+    }
+    all.extend(content);
+    Hash::of(&all).0
+}
+
+fn replaced(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
+    let (mut all, mut rest) = (Vec::new(), bytes);
+    while let Some(place) = rest.windows(old.len()).position(|part| part == old.as_bytes()) {
+        all.extend(&rest[..place]);
+        all.extend(new.as_bytes());
+        rest = &rest[place + old.len()..];
+    }
+    all.extend(rest);
+    all
+}
+
+/// The hash of the value of `lifted`.
+fn hash(project: &Project, lift: &str) -> String {
+    project.hash("lifted", &[&format!("lift={lift}")])
+}
+
+#[test]
+fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
+    let project = project();
+    let verified = |project: &Project| run(project, &["run", "doll.ron", "--verify-cache", "100"]);
+    run(&project, &["run", "doll.ron", "--set", "lift=6"]);
+    let other = files(&project, "entries");
+    run(&project, &["run", "doll.ron"]);
+    assert_eq!(verified(&project).0, Some(0));
+    let (right, wrong) = (hash(&project, "5"), hash(&project, "6"));
+    // The result of one lift in the place of that of the other: whole, but not what the node gives.
+    let content = |path: &Path| {
+        let bytes = fs::read(path).unwrap();
+        bytes[..bytes.len() - 32].to_vec()
+    };
+    let holds = |path: &&PathBuf, hash: &str| {
+        let bytes = fs::read(path).unwrap();
+        bytes.windows(hash.len()).any(|part| part == hash.as_bytes())
+    };
+    let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+    let source = other.iter().find(|path| holds(path, &wrong)).unwrap();
+    let entries = files(&project, "entries");
+    let place = entries.iter().find(|path| holds(path, &right)).unwrap();
+    let forge = |path: &Path, content: &[u8]| {
+        fs::write(path, [content, &seal(path, content)].concat()).unwrap();
+    };
+    forge(place, &replaced(&content(source), &name(source), &name(place)));
+    for record in files(&project, "graphs") {
+        forge(&record, &replaced(&content(&record), &right, &wrong));
+    }
+    // It is believed unless somebody asks.
+    assert_eq!(run(&project, &["run", "doll.ron"]).0, Some(0));
+    let (code, _, told) = verified(&project);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(
+        told.contains("error[G019]: `lifted` gave another result than the one in the cache"),
+        "{told}"
+    );
+    assert!(!told.contains("`mesh` gave another result"), "{told}");
+    // The new result is used.
+    let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();
+    assert!(out.contains("v 0.0 5.0 0.0"), "{out}");
+}
+
+/// A file as a killed process leaves it.
+fn leave(folder: &Path) -> PathBuf {
+    fs::create_dir_all(folder).unwrap();
+    let path = folder.join(".maquette-0123456789ab.part");
+    fs::write(&path, "half").unwrap();
+    path
+}
+
+#[test]
+fn what_was_left_half_written_goes_with_the_next_command_that_writes_there() {
+    let project = project();
+    let folder = project.folder();
+    let check = |left: &Path, words: &[&str]| {
+        let left = leave(&folder.join(left));
+        let (code, _, told) = run(&project, words);
+        assert_eq!(code, Some(0), "{words:?}: {told}");
+        assert!(!left.exists(), "{words:?}: {}", left.display());
+    };
+    check(Path::new("out/doll"), &["run", "doll.ron"]);
+    check(Path::new("out/doll.sweep/tasks"), &["batch", "doll.ron", "--sweep", "lift=1,2"]);
+    check(Path::new("out/doll.sweep/tasks"), &["batch", "doll.ron", "--sweep", "lift=1,2"]);
+    check(Path::new(""), &["render", "doll.ron", "out.obj", "picture.png"]);
+    let pins = {
+        run(&project, &["pin", "doll.ron", "lifted"]);
+        let entries = fs::read_dir(folder).unwrap().map(|it| it.unwrap().path());
+        entries.into_iter().find(|it| it.is_dir() && it.ends_with("doll.pins")).unwrap()
+    };
+    run(&project, &["unpin", "doll.ron", "lifted"]);
+    check(&pins, &["pin", "doll.ron", "lifted"]);
+    let left = leave(&pins);
+    assert!(project.maquette(&["unpin", "doll.ron", "lifted"]).status.success());
+    assert!(!left.exists() && !pins.exists());
+    let left = leave(&folder.join("lib"));
+    let words = ["extract", "doll.ron", "lifted", "--to", "lib/new.ron"];
+    assert!(project.maquette(&words).status.success());
+    assert!(!left.exists());
+    let scans = folder.join("scans");
+    fs::create_dir(&scans).unwrap();
+    fs::write(scans.join("tet.obj"), TETRAHEDRON).unwrap();
+    let left = leave(&folder.join("made"));
+    let output = project.maquette(&["new", "scans", "--out", "made/new.ron"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!left.exists());
+}

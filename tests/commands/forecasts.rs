@@ -1,0 +1,137 @@
+//! What `run -n`, `batch -n` and `why` say is what a run would do: also of results that the cache has dropped, and of large files,
+//! which are not read for it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::project::Project;
+
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
+    nodes: {
+        "mesh": ReadMesh(path: "tet.obj"),
+        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
+        "other": Transform(mesh: "mesh", translate: (1, 0, 0)),
+    },
+    outputs: { "out.obj": "lifted", "other.obj": "other" },
+)
+"#;
+
+const TETRAHEDRON: &str =
+    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+fn project() -> Project {
+    let project = Project::new(GRAPH);
+    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
+    wait();
+    project
+}
+
+/// The first words of what a command says of each node or task, `cached lifted`, and all that it says.
+fn told(project: &Project, words: &[&str]) -> (Vec<String>, String) {
+    let words = [words, &["--cache", "cache"]].concat();
+    let output = project.maquette(&words);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let first = |line: &str| {
+        let words = Vec::from_iter(line.split_whitespace().take(2));
+        words.join(" ")
+    };
+    let lines = text.lines().map(first).collect();
+    (lines, text)
+}
+
+/// The files of the results in the cache.
+fn results(project: &Project) -> Vec<PathBuf> {
+    let files = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+    let homes = files(&project.folder().join("cache")).map(|home| home.path());
+    homes
+        .flat_map(|home| files(&home.join("entries")).map(|file| file.path()).collect::<Vec<_>>())
+        .collect()
+}
+
+/// Drops the results from the cache, and nothing else.
+fn drop_results(project: &Project) {
+    let dropped = results(project);
+    assert!(!dropped.is_empty());
+    dropped.iter().for_each(|file| fs::remove_file(file).unwrap());
+}
+
+/// Long enough for a file to be told from one that is written later.
+fn wait() {
+    std::thread::sleep(Duration::from_millis(150));
+}
+
+#[test]
+fn what_the_cache_has_dropped_is_told_if_it_is_needed() {
+    let project = project();
+    told(&project, &["run", "doll.ron"]);
+    wait();
+    let cached = ["cached mesh", "cached lifted", "cached other"].map(str::to_owned);
+    assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
+    assert!(told(&project, &["why", "doll.ron", "lifted"]).1.contains("`lifted` does not run"));
+    drop_results(&project);
+    // The outputs are there, so that nothing is needed.
+    assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
+    let (_, why) = told(&project, &["why", "doll.ron", "lifted"]);
+    assert!(why.starts_with("`lifted` runs: "), "{why}");
+    fs::remove_file(project.folder().join("out/doll/out.obj")).unwrap();
+    let (lines, text) = told(&project, &["run", "doll.ron", "-n"]);
+    assert_eq!(lines, ["runs mesh", "runs lifted", "cached other"], "{text}");
+    // What was forecast comes true.
+    let (_, text) = told(&project, &["run", "doll.ron"]);
+    assert!(text.contains("computed  lifted") && text.contains("cached    other"), "{text}");
+}
+
+#[test]
+fn a_batch_knows_what_the_cache_has_dropped() {
+    let project = project();
+    let batch = ["batch", "doll.ron", "--sweep", "lift=1", "--out", "all"];
+    told(&project, &batch);
+    wait();
+    let output = |folder: std::io::Result<fs::DirEntry>| folder.unwrap().path().join("out.obj");
+    let outputs = fs::read_dir(project.folder().join("all")).unwrap().map(output);
+    fs::remove_file(outputs.into_iter().find(|it| it.exists()).unwrap()).unwrap();
+    let forecast = || told(&project, &[&batch[..], &["-n"]].concat()).1;
+    assert!(forecast().contains("; 0 nodes, 0 of them new"), "{}", forecast());
+    drop_results(&project);
+    assert!(forecast().contains("; 2 nodes, 2 of them new"), "{}", forecast());
+}
+
+#[test]
+fn a_large_file_is_not_read_for_a_forecast() {
+    let project = project();
+    let large = project.folder().join("tet.obj");
+    told(&project, &["run", "doll.ron"]);
+    told(&project, &["batch", "doll.ron", "--sweep", "lift=1"]);
+    fs::File::create(&large).unwrap().set_len(50 << 30).unwrap();
+    let start = Instant::now();
+    for words in [&["run", "doll.ron", "-n"][..], &["why", "doll.ron", "mesh"]] {
+        let (_, text) = told(&project, words);
+        assert!(text.contains("file tet.obj may have changed and was not read"), "{text}");
+        assert!(text.contains("may run"), "{text}");
+    }
+    let (_, text) = told(&project, &["batch", "doll.ron", "--sweep", "lift=1", "-n"]);
+    assert!(text.contains("`tet.obj` may have changed and was not read"), "{text}");
+    // 50 GB take minutes.
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+}
+
+#[test]
+fn only_leaves_out_what_is_expected_of_other_outputs() {
+    let project = project();
+    let expect = "    expect: [Bounds(of: \"other.obj\", low: (0, 0, 0), high: (1, 1, 1))],\n)\n";
+    project.save(&GRAPH.replace("\n)\n", &format!("\n{expect}")));
+    let whole = project.maquette(&["run", "doll.ron", "--json"]);
+    assert_eq!(whole.status.code(), Some(1), "`other.obj` is not as it is expected");
+    fs::remove_dir_all(project.folder().join("out")).unwrap();
+    let only = project.maquette(&["run", "doll.ron", "--no-cache", "--only", "out.obj", "--json"]);
+    let told: serde_json::Value = serde_json::from_slice(&only.stdout).unwrap();
+    let names = told["nodes"].as_array().unwrap().iter().map(|node| node["name"].clone());
+    assert_eq!(Vec::from_iter(names), ["mesh", "lifted"]);
+    assert_eq!((only.status.code(), &told["problems"]), (Some(0), &serde_json::json!([])));
+    let only = project.maquette(&["run", "doll.ron", "--only", "other.obj"]);
+    assert_eq!(only.status.code(), Some(1), "what is expected of it is judged");
+}

@@ -1,0 +1,168 @@
+//! What is printed goes to a full disk: each command fails then. A script that replaces a file by what is printed must not take half of it.
+#![cfg(target_os = "linux")]
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::process::{Command, Output, Stdio};
+
+use crate::project::Project;
+
+const TETRAHEDRON: &str =
+    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+const USED: &str = r#"Graph(
+    format: 1,
+    inputs: { "skin": Mesh(doc: "It.") },
+    nodes: { "it": Transform(mesh: "skin") },
+    outputs: { "skin": "it" },
+)
+"#;
+
+const USER: &str = r#"Graph(
+    format: 1,
+    use: { "Lib": "lib.ron" },
+    nodes: { "mesh": ReadMesh(path: "tet.obj"), "whole": Lib(skin: "mesh") },
+    outputs: { "whole.ply": "whole" },
+)
+"#;
+
+/// More than fits into any buffer.
+fn long_graph() -> String {
+    let nodes = (0..2000)
+        .map(|k| format!("        \"n{k}\": Transform(mesh: \"mesh\", translate: ({k}, 0, 0)),\n"));
+    format!(
+        "Graph(\n    format: 1,\n    nodes: {{\n        \"mesh\": ReadMesh(path: \"tet.obj\"),\n{}    }},\n    outputs: {{ \"o.obj\": \"n0\" }},\n)\n",
+        String::from_iter(nodes)
+    )
+}
+
+fn project() -> Project {
+    let project = Project::new(
+        r#"Graph(
+    format: 1,
+    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
+    nodes: {
+        "mesh": ReadMesh(path: "tet.obj"),
+        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
+    },
+    outputs: { "out.obj": "lifted" },
+)
+"#,
+    );
+        let long = long_graph();
+    let graph = fs::read_to_string(project.graph()).unwrap();
+    let other = graph.replace("5.0", "6.0");
+    ["scans", "graphs"].map(|folder| fs::create_dir(project.folder().join(folder)).unwrap());
+    for (name, text) in [
+        ("maquette.toml", ""),
+        ("tet.obj", TETRAHEDRON),
+        ("scans/tet.obj", TETRAHEDRON),
+        ("graphs/tet.obj", TETRAHEDRON),
+        ("graphs/doll.ron", &graph),
+        ("lib.ron", USED),
+        ("use.ron", USER),
+        ("other.ron", &other),
+        ("doll.test.ron", "Test(graph: \"doll.ron\")"),
+        ("long.ron", &long),
+    ] {
+        fs::write(project.folder().join(name), text).unwrap();
+    }
+    project
+}
+
+/// What each command is tried with; several words of preparation come before `;`.
+const TRIED: [(&str, &str); 38] = [
+    ("new", "new scans"),
+    ("run", "run doll.ron"),
+    ("run", "run doll.ron --json"),
+    ("run", "run doll.ron -n"),
+    ("batch", "batch doll.ron --sweep lift=1,2"),
+    ("batch", "batch doll.ron --sweep lift=1,2 --emit slurm"),
+    ("watch", "watch doll.ron --once"),
+    ("check", "check long.ron --json"),
+    ("draw", "draw long.ron"),
+    ("fmt", "fmt -"),
+    ("set", "set long.ron n3.translate.0=7 --dry-run"),
+    ("edit", "edit doll.ron rename lifted raised"),
+    ("extract", "extract doll.ron lifted --to new.ron"),
+    ("inline", "inline use.ron whole"),
+    ("diff", "diff doll.ron long.ron --json"),
+    ("merge", "merge long.ron long.ron long.ron --print"),
+    ("migrate", "migrate long.ron"),
+    ("lock", "lock use.ron"),
+    ("update", "lock use.ron ; update use.ron"),
+    ("test", "test ."),
+    ("compare", "compare tet.obj tet.obj"),
+    ("replay", "run doll.ron ; replay out/doll/out.obj"),
+    ("sheet", "sheet doll.ron"),
+    ("nodes", "nodes"),
+    ("nodes", "nodes --json"),
+    ("gallery", "gallery graphs"),
+    ("inspect", "inspect doll.ron lifted"),
+    ("inspect", "inspect doll.ron lifted --table vertices --csv -"),
+    ("why", "why doll.ron lifted"),
+    ("pin", "pin doll.ron lifted"),
+    ("unpin", "pin doll.ron lifted ; unpin doll.ron lifted"),
+    ("serve", "serve --stdio"),
+    ("cache", "cache ls"),
+    ("cache", "run doll.ron ; cache du"),
+    ("help", "help"),
+    ("help", "help run"),
+    ("completions", "completions bash"),
+    ("", "--version"),
+];
+
+/// One writes a file and prints nothing, the other one prints what an editor asks for.
+const SILENT: [&str; 2] = ["render", "lsp"];
+
+/// Runs a command in a new project after those that prepare it.
+fn run(words: &str, stdout: impl Into<Stdio>) -> Output {
+    let project = project();
+    let mut commands = words.split(" ; ").collect::<Vec<_>>();
+    let last = commands.pop().unwrap();
+    let command =
+        |words: &str| -> Command { project.command(&words.split(' ').collect::<Vec<_>>()) };
+    for words in commands {
+        assert!(command(words).output().unwrap().status.success(), "{words}");
+    }
+    let mut command = command(last);
+    command.stdin(File::open(project.folder().join("long.ron")).unwrap());
+    command.stdout(stdout).stderr(Stdio::piped()).spawn().unwrap().wait_with_output().unwrap()
+}
+
+#[test]
+fn every_command_is_tried() {
+    let help = project().maquette(&["--help"]);
+    let help = String::from_utf8(help.stdout).unwrap();
+    let (_, commands) = help.split_once("Commands:\n").unwrap();
+    let is_name = |line: &&str| line.starts_with("  ") && !line.starts_with("   ");
+    let lines = commands.lines().take_while(|line| !line.is_empty()).filter(is_name);
+    let known = lines.filter_map(|line| line.split_whitespace().next());
+    let tried = TRIED.iter().map(|(name, _)| *name).chain(SILENT).filter(|name| !name.is_empty());
+    assert_eq!(BTreeSet::from_iter(tried), BTreeSet::from_iter(known));
+}
+
+#[test]
+fn what_cannot_be_printed_is_an_error_of_every_command() {
+    for (_, words) in TRIED {
+        let printed = run(words, Stdio::piped());
+        assert!(!printed.stdout.is_empty(), "{words} prints nothing: {printed:?}");
+        let code = printed.status.code().unwrap();
+        let full = run(words, File::options().write(true).open("/dev/full").unwrap());
+        let told = String::from_utf8_lossy(&full.stderr);
+        assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
+        assert_eq!(full.status.code(), Some(code.max(1)), "{words}: {told}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_read_enough_is_no_error() {
+    let project = project();
+    let command = format!("{} nodes | head -1", env!("CARGO_BIN_EXE_maquette"));
+    let script = format!("set -o pipefail; {command}; echo ${{PIPESTATUS[0]}}");
+    let output = Command::new("bash").args(["-c", &script]).current_dir(project.folder()).output();
+    let output = output.unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(text.lines().last(), Some("0"), "{text}");
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+}
