@@ -27,10 +27,10 @@ impl FileFormat for MeshObj {
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
         check_mesh(mesh)?;
-        let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let Some(texture) = mesh.texture() else {
             return Ok(NewFile::only(name, encode(mesh, String::new()).into_bytes()));
         };
+        let stem = companion_stem(name);
         let [material, picture] = ["mtl", "png"].map(|ending| format!("{stem}.{ending}"));
         let text =
             format!("newmtl material\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture}\n");
@@ -67,6 +67,14 @@ const HOLDS: Holds = Holds {
     face: false,
     picture: true,
 };
+
+/// The name of the files beside an OBJ file, without their extensions. OBJ and MTL separate names by blanks and begin comments with `#`,
+/// and viewers in browsers take the names for parts of addresses.
+fn companion_stem(name: &str) -> String {
+    let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
+    let is_special = |letter: char| letter.is_whitespace() || "#%?".contains(letter);
+    stem.replace(is_special, "_")
+}
 
 /// What the corners of a face refer to, beside the vertex: one number per corner, from 0.
 enum Reference {
@@ -295,6 +303,23 @@ mod tests {
         assert!(files[0].bytes.starts_with(b"mtllib my.model.mtl\nusemtl material\nv "));
         assert!(files[1].bytes.ends_with(b"map_Kd my.model.png\n"));
         assert_eq!(png::read(&files[2].bytes).unwrap(), image);
+    }
+
+    #[test]
+    fn files_beside_it_have_names_that_other_programs_find() {
+        let mesh = mesh().with_texture(Some(Image::new(1, 1, vec![[1, 2, 3]]).unwrap()));
+        for (name, stem) in [
+            ("my größe #1.obj", "my_größe__1"),
+            ("50%20 a?b.c.obj", "50_20_a_b.c"),
+            ("a-b_(c).obj", "a-b_(c)"),
+        ] {
+            let files = MeshObj::write(&mesh, name).unwrap();
+            let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+            assert_eq!(names, [name, &format!("{stem}.mtl"), &format!("{stem}.png")]);
+            let [obj, mtl] = [0, 1].map(|k| String::from_utf8_lossy(&files[k].bytes).into_owned());
+            assert!(obj.starts_with(&format!("mtllib {stem}.mtl\n")));
+            assert!(mtl.ends_with(&format!("map_Kd {stem}.png\n")));
+        }
     }
 
     #[test]

@@ -1,0 +1,60 @@
+"""assimp, by its command line: what it exports as JSON is what its library gives to a program."""
+
+import json
+import pathlib
+import subprocess
+import tempfile
+
+import record
+
+
+def read(path: pathlib.Path) -> record.Record:
+    with tempfile.TemporaryDirectory() as folder:
+        output = pathlib.Path(folder) / "scene.json"
+        done = subprocess.run(["assimp", "export", str(path), str(output), "-fassjson"], capture_output=True, text=True)
+        if done.returncode != 0 or not output.is_file():
+            raise ValueError(next(iter(reversed((done.stdout + done.stderr).strip().splitlines())), "no word"))
+        scene = json.loads(output.read_text(encoding="utf8", errors="replace"))
+    found = {"points": [], "faces": [], "lines": [], "colors": [], "normals": [], "uv": []}
+    identity = [float(i % 5 == 0) for i in range(16)]
+    add(scene, scene["rootnode"], identity, found)
+    if path.suffix == ".glb":
+        found["points"] = record.scaled(found["points"], 1000)
+    for key in ("colors", "normals", "uv"):
+        if len(found[key]) != len(found["points"]):
+            found[key] = []
+    names = [it["value"] for material in scene.get("materials", ()) for it in material["properties"] if it["key"] == "$tex.file"]
+    # A picture within the file begins with `*`.
+    found["named_picture"] = names[0] if names and (names[0][0] == "*" or (path.parent / names[0]).is_file()) else ""
+    return found
+
+
+def add(scene: dict, node: dict, parent: list, found: record.Record) -> None:
+    """Adds the meshes of a node and of those below it. Matrices are row by row."""
+    own = node["transformation"]
+    matrix = [sum(parent[4 * row + k] * own[4 * k + column] for k in range(4)) for row in range(4) for column in range(4)]
+    for index in node.get("meshes", ()):
+        mesh = scene["meshes"][index]
+        first = len(found["points"])
+        for point in triples(mesh.get("vertices", ()), 3):
+            found["points"].append([sum(matrix[4 * row + k] * point[k] for k in range(3)) + matrix[4 * row + 3] for row in range(3)])
+        for x, y, z in triples(mesh.get("normals", ()), 3):
+            turned = [matrix[4 * row] * x + matrix[4 * row + 1] * y + matrix[4 * row + 2] * z for row in range(3)]
+            length = sum(x * x for x in turned) ** 0.5 or 1.0
+            found["normals"].append([x / length for x in turned])
+        colors = mesh.get("colors") or [[]]
+        found["colors"] += [[255 * x for x in color[:3]] for color in triples(colors[0], 4)]
+        uv = mesh.get("texturecoords") or [[]]
+        width = (mesh.get("numuvcomponents") or [2])[0]
+        found["uv"] += [pair[:2] for pair in triples(uv[0], width)]
+        found["faces"] += [[first + k for k in face] for face in mesh.get("faces", ()) if len(face) > 2]
+        found["lines"] += [[first + k for k in face] for face in mesh.get("faces", ()) if len(face) == 2]
+    for child in node.get("children", ()):
+        add(scene, child, matrix, found)
+
+
+def triples(numbers: list, width: int) -> list:
+    return [numbers[k : k + width] for k in range(0, len(numbers), width)]
+
+
+record.main(read)

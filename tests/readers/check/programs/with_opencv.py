@@ -1,0 +1,18 @@
+"""OpenCV, which reads pictures."""
+
+import pathlib
+
+import cv2
+import numpy as np
+import record
+
+
+def read(path: pathlib.Path) -> record.Record:
+    # Names of files with letters of other scripts are not for `imread` on every system.
+    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError("it gives no picture")
+    return {"picture": image[:, :, 2::-1] if image.ndim == 3 else image}
+
+
+record.main(read)

@@ -1,0 +1,14 @@
+"""Pillow, which most programs in Python have pictures from."""
+
+import pathlib
+
+import numpy as np
+import record
+from PIL import Image
+
+
+def read(path: pathlib.Path) -> record.Record:
+    return {"picture": np.asarray(Image.open(path))}
+
+
+record.main(read)
