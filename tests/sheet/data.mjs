@@ -60,6 +60,23 @@ export const zipped = (drawn) => {
   return made;
 };
 
+/** What a batch leaves whose tasks came to all ends: what there is none of is left out, or null, as records have it. */
+export const partial = (drawn) => {
+  const none = { state: "missing", seconds: null, nodes: null, picture: null, files: [] };
+  const changes = [
+    { nodes: { cached: 7 } },
+    { nodes: { computed: 1 }, picture: null },
+    { nodes: { computed: 2, equal: 1, cached: 3, failed: 1, skipped: 4 }, ...failed("it did not converge", null, null) },
+    { nodes: {}, ...failed("", null, "") },
+    { ...none, nodes: {}, state: "failed", seconds: 0 },
+    none,
+    { seconds: 90.5 },
+    { seconds: 59.96 },
+    { seconds: 7199 },
+  ];
+  return sheet("partial.sweep.ron", { k: changes.map((_, k) => `${k}`) }, drawn, (k) => changes[k]);
+};
+
 const LONG = "x".repeat(2000);
 export const HOSTILE = [
   '<img src=x onerror="window.broken = 1">',

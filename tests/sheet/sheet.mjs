@@ -17,8 +17,8 @@ before(async () => {
   const drawn = await sheets.pictures(page, 1000);
   await page.close();
   for (const folder of ["pages", "pictures"]) mkdirSync(join(MADE, folder), { recursive: true });
-  const { three, sixty, thousand, zipped, hostile, empty } = sheets;
-  for (const make of [three, sixty, thousand, zipped, hostile, empty]) writeFileSync(join(MADE, `pages/${make.name}.html`), joined(make(drawn)));
+  const { three, sixty, thousand, zipped, partial, hostile, empty } = sheets;
+  for (const make of [three, sixty, thousand, zipped, partial, hostile, empty]) writeFileSync(join(MADE, `pages/${make.name}.html`), joined(make(drawn)));
 });
 after(() => browser.close());
 
@@ -92,6 +92,29 @@ check("few tasks are larger, and what is the same of all is told once", "three",
   await page.locator("img").nth(2).waitFor();
   await picture(page, "3-light");
 }, { colorScheme: "light" });
+
+check("what a task does not have is not printed", "partial", async (page) => {
+  // Words, and what is told of pictures and buttons; neither scripts nor the bytes of pictures.
+  const told = async () => {
+    const shown = await page.locator("body").evaluate((body) => {
+      const labels = [...body.querySelectorAll("*")].flatMap(({ title, ariaLabel }) => [title ?? "", ariaLabel ?? ""]);
+      return [body.innerText, ...labels].join("\n");
+    });
+    assert.doesNotMatch(shown, /undefined|null|NaN|\[object/);
+  };
+  assert.equal(await count(page), 9);
+  await told();
+  const wanted = [/7 nodes cached$/, /1 node computed$/, /2 nodes computed, 1 equal, 3 cached, 1 failed, 4 skipped$/, /^Run\n\n?[^;]*$/, /^Run\n\n?0 ms$/, null, /1 min 30 s/, /59\.9 s/, /1 h 59 min/];
+  for (const [k, pattern] of wanted.entries()) {
+    await card(page, k).click();
+    await told();
+    const runs = page.locator("#one section").filter({ has: page.locator("h3:text-is('Run')") });
+    if (pattern) assert.match((await runs.innerText()).trim(), pattern, `task ${k}`);
+    else assert.equal(await runs.count(), 0);
+    await page.keyboard.press("Escape");
+  }
+  assert.match(await page.locator(".card[data-task='4']").innerText(), /it does not say why/);
+});
 
 check("words and values filter, with counts", "sixty", async (page) => {
   const counts = (facet) => page.getByRole("group", { name: facet, exact: true }).locator(".count").allInnerTexts();

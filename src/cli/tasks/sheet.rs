@@ -51,10 +51,13 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     let (width, height) = sweep.picture.size;
     let tasks = sweep.tasks.iter().map(|task| {
         let values = &task.row.values;
-        let Some(record) = Record::read(out, &task.name) else {
-            return json!({ "name": task.name, "state": "missing", "values": values, "files": [], "problems": [] });
-        };
-        of_record(&record, values, out)
+        match Record::read(out, &task.name) {
+            Some(record) => of_record(&record, values, out),
+            None => json!({
+                "name": task.name, "state": "missing", "values": values, "seconds": null, "nodes": null,
+                "picture": null, "files": [], "problems": [],
+            }),
+        }
     });
     let data = json!({
         "title": if is_draft { format!("{title}, drafts") } else { title.into_owned() },
@@ -94,7 +97,11 @@ fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
     let file = |output: &super::record::Output| json!({ "name": output.name, "path": output.path, "bytes": output.bytes });
     let problem = |problem: &Json| {
         let text = |name: &str| problem[name].as_str().unwrap_or_default();
-        let place = format!("{}:{}:{}", text("file"), problem["line"], problem["column"]);
+        // A problem of the whole task has a file, but no line, or neither.
+        let file = problem["file"].as_str().filter(|file| !file.is_empty()).map(str::to_owned);
+        let numbers = ["line", "column"].iter().map_while(|name| problem[*name].as_u64());
+        let place =
+            file.map(|file| numbers.fold(file, |place, number| format!("{place}:{number}")));
         json!({ "severity": text("severity"), "message": text("message"), "place": place, "help": text("help") })
     };
     json!({
@@ -107,4 +114,41 @@ fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
         "files": Vec::from_iter(record.outputs.iter().map(file)),
         "problems": Vec::from_iter(record.problems.iter().map(problem)),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    #[test]
+    fn a_task_is_told_with_all_fields_and_a_problem_with_the_place_that_it_has() {
+        let record = Record {
+            format: 1,
+            name: "a".into(),
+            state: State::Failed,
+            values: Vec::new(),
+            seconds: 0.5,
+            nodes: BTreeMap::from([("cached".to_owned(), 3)]),
+            outputs: Vec::new(),
+            picture: None,
+            problems: vec![
+                json!({ "severity": "error", "message": "no", "file": "g.ron", "line": 3, "column": 7 }),
+                json!({ "severity": "error", "message": "no", "file": "g.ron" }),
+                json!({ "severity": "error", "message": "no", "file": "", "line": null }),
+                json!({ "severity": "error", "message": "no" }),
+            ],
+            key: None,
+            files: BTreeMap::new(),
+            as_read: Vec::new(),
+        };
+        let told = of_record(&record, &[], Path::new("nowhere"));
+        let places = told["problems"].as_array().unwrap().iter().map(|it| &it["place"]);
+        let expected = [json!("g.ron:3:7"), json!("g.ron"), Json::Null, Json::Null];
+        assert_eq!(Vec::from_iter(places), Vec::from_iter(&expected));
+        let fields =
+            ["name", "state", "values", "seconds", "nodes", "picture", "files", "problems"];
+        assert!(fields.iter().all(|field| told.get(field).is_some()), "{told}");
+    }
 }

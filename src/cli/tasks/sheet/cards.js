@@ -7,7 +7,7 @@ import { state } from "./state.js";
 /** @typedef {import("./data.js").Facet} Facet */
 
 /** How long it took, in words; nothing if it has not run. */
-export const took = (/** @type {Task} */ task) => (task.seconds === null || task.state === "missing" ? "" : inTime(task.seconds));
+export const took = (/** @type {Task} */ task) => (task.seconds === null ? "" : inTime(task.seconds));
 
 const errorOf = (/** @type {Task} */ task) => task.problems.find(({ severity }) => severity === "error")?.message;
 
@@ -32,7 +32,7 @@ export function pictureOf(task, decoding = "sync") {
   const placard = element("span", { class: "placard" });
   if (task.state === "missing") placard.append("has not run yet");
   else if (task.state === "done") placard.append("no picture");
-  else placard.append(element("span", { class: "word", "data-state": "failed" }, "failed"), plain(errorOf(task) ?? "it does not say why"));
+  else placard.append(element("span", { class: "word", "data-state": "failed" }, "failed"), plain(errorOf(task) || "it does not say why"));
   return placard;
 }
 

@@ -10,7 +10,7 @@ import { the } from "./element.js";
  * @property {"done" | "failed" | "missing"} state
  * @property {string[]} values one for each name of the sheet, as an author writes it
  * @property {number | null} seconds
- * @property {{computed: number, cached: number} | null} nodes
+ * @property {Record<string, number> | null} nodes how many nodes came to which end; ends that none came to are left out
  * @property {string | null} picture
  * @property {Written[]} files
  * @property {Problem[]} problems

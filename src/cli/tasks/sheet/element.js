@@ -37,9 +37,9 @@ export function onClick(made, act) {
 /** @param {number} seconds */
 export function inTime(seconds) {
   if (seconds < 1) return `${(1000 * seconds).toFixed(0)} ms`;
-  if (seconds < 60) return `${seconds.toPrecision(3)} s`;
-  const minutes = Math.round(seconds / 60);
-  return minutes < 60 ? `${Math.floor(seconds / 60)} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  if (seconds < 60) return `${Math.min(seconds, 59.9).toPrecision(3)} s`;
+  const minutes = Math.floor(seconds / 60);
+  return minutes < 60 ? `${minutes} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
 /** @param {number} bytes */

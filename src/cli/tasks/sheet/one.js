@@ -58,6 +58,15 @@ function stepButton(task, facet, way) {
   return onClick(element("button", attributes, way < 0 ? "‹" : "›"), () => look(next));
 }
 
+/** How nodes end, in the order in which that is told. */
+const ENDS = ["computed", "equal", "cached", "failed", "skipped"];
+
+/** How many nodes came to which end, in words; nothing of those that none came to. */
+function nodesOf(/** @type {Task} */ task) {
+  const counts = ENDS.map((end) => [end, task.nodes?.[end] ?? 0]).filter(([, count]) => count);
+  return counts.map(([end, count], k) => `${count} ${k ? "" : count === 1 ? "node " : "nodes "}${end}`).join(", ");
+}
+
 /** The values of a task, and the ways to those that have others. */
 function valuesTable(/** @type {Task} */ task) {
   const rows = facets.slice(1).map((facet) => {
@@ -83,8 +92,7 @@ export function look(task) {
   the("one-picture", HTMLElement).replaceChildren(picture);
   const about = [/** @type {HTMLElement} */ (valuesTable(task))];
   const section = (/** @type {string} */ name, /** @type {HTMLElement} */ inside) => element("section", {}, element("h3", {}, name), inside);
-  const nodes = task.nodes ? `${task.nodes.computed} nodes computed, ${task.nodes.cached} cached` : "";
-  const facts = [took(task), nodes].filter(Boolean).join("; ");
+  const facts = [took(task), nodesOf(task)].filter(Boolean).join("; ");
   if (facts) about.push(section("Run", element("p", {}, facts)));
   if (task.files.length) {
     const links = task.files.map(({ name, path, bytes }) => {
