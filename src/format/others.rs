@@ -17,9 +17,9 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
         let path = entry.unwrap().path();
         match path.extension().and_then(|ending| ending.to_str()) {
             None => files(&path, found),
-            Some("ply" | "obj" | "stl" | "glb" | "gltf" | "xyz" | "pcd" | "ptx" | "3mf" | "png") => {
-                found.push(path)
-            }
+            Some(
+                "ply" | "obj" | "stl" | "glb" | "gltf" | "xyz" | "pcd" | "ptx" | "3mf" | "png",
+            ) => found.push(path),
             Some(_) => {}
         }
     }

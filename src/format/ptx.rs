@@ -37,7 +37,9 @@ pub enum PtxError {
         text: String,
     },
     /// A transformation that is no rigid motion.
-    #[error("line {line}: the transformation is no rigid motion, a rotation and a translation: `ReadPoints` applies it to the points")]
+    #[error(
+        "line {line}: the transformation is no rigid motion, a rotation and a translation: `ReadPoints` applies it to the points"
+    )]
     Pose {
         /// Its first line, from 1.
         line: usize,
@@ -86,7 +88,7 @@ pub enum PtxError {
         /// The scan, from 0; its lines are counted from its own first one.
         scan: usize,
         /// What is wrong.
-        error: Box<PtxError>,
+        error: Box<Self>,
     },
     /// No point at all.
     #[error("there is no point in the file")]

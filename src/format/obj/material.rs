@@ -118,8 +118,11 @@ fn find_first(
     Err(whys.into_iter().next().unwrap_or_default())
 }
 
+/// A file, and the name by which it was found.
+type Named = (String, Arc<[u8]>);
+
 /// The files of materials that a line `mtllib` names: one, whose name may have blanks, or several.
-fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<(String, Arc<[u8]>)>, String> {
+fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, String> {
     let one = find_first(spellings(text).map(PathBuf::from), find);
     let is_end = |(at, _): &(usize, &str)| {
         text[..*at].to_ascii_lowercase().ends_with(".mtl") && text[*at..].starts_with(' ')

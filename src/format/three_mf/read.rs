@@ -214,7 +214,6 @@ impl<'a> Assembly<'a> {
     }
 
     /// The colors and the places on the picture of a triangle's corners.
-    #[expect(clippy::type_complexity, reason = "two lists of three corners")]
     fn look(
         &mut self,
         model: &Model,
