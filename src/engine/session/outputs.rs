@@ -1,6 +1,6 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::mem::take;
 use std::path::{Path, PathBuf};
@@ -259,9 +259,14 @@ impl OutputFolder {
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems) = (Vec::new(), Vec::new());
+        let mut writers: BTreeMap<PathBuf, &str> = BTreeMap::new();
         for (output, result) in outputs.iter().zip(results) {
             match result {
                 Ok(written) => {
+                    // Names of files beside an output are known once it is written.
+                    let other = |file: &Written| writers.insert(file.path.clone(), &output.name);
+                    let others = Vec::from_iter(written.iter().filter_map(other));
+                    problems.extend(others.first().map(|other| shared_file(output, other)));
                     problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
                     files.extend(written);
                 }
@@ -416,6 +421,14 @@ impl OutputFolder {
     fn lock(&self) -> MutexGuard<'_, HashMap<String, Known>> {
         self.known.lock().unwrap_or_else(|broken| broken.into_inner())
     }
+}
+
+/// The error about an output that has replaced a file of an output before it.
+fn shared_file(output: &GraphOutput, other: &str) -> Problem {
+    let message = format!("`{}` also writes a file that `{other}` writes", output.name);
+    let place = (output.source.clone(), output.span);
+    let problem = Problem::new(Severity::Error, code::FAILED, place, message);
+    Problem { help: "give one of the two outputs another name".into(), ..problem }
 }
 
 /// What files are made of: a value, and what they tell of it.
