@@ -218,6 +218,28 @@ fn an_output_does_not_overwrite_the_picture_beside_a_model() {
 }
 
 #[test]
+fn outputs_whose_pictures_would_have_one_name_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["pictured.obj", "pictured.mtl", "picture.png"] {
+        let inputs = Path::new(GRAPHS).join("../tests/readers/inputs");
+        std::fs::copy(inputs.join(file), folder.path().join(file)).unwrap();
+    }
+    let graph = folder.path().join("box.ron");
+    let outputs = r#""a #1.obj": "box", "a__1.obj": "box", "b.obj": "box""#;
+    let text = format!(
+        r#"Graph(format: 1, nodes: {{ "box": ReadMesh(path: "pictured.obj") }}, outputs: {{ {outputs} }})"#
+    );
+    std::fs::write(&graph, text).unwrap();
+    let out = folder.path().join("out");
+    let output = maquette(&["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+    let messages = stderr(&output);
+    let text = "`a__1.obj` also writes a file that `a #1.obj` writes";
+    assert!(messages.contains(text), "{messages}");
+    assert_eq!(messages.matches("error").count(), 1, "{messages}");
+}
+
+#[test]
 fn exit_codes_tell_a_wrong_graph_from_a_wrong_command() {
     assert_eq!(maquette(&["check", "doll.ron"]).status.code(), Some(0));
     assert_eq!(maquette(&["check", "nowhere.ron"]).status.code(), Some(1));

@@ -1,6 +1,6 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::mem::take;
 use std::path::{Path, PathBuf};
@@ -293,9 +293,14 @@ impl OutputFolder {
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems, mut is_refused) = (Vec::new(), Vec::new(), false);
+        let mut writers: BTreeMap<PathBuf, &str> = BTreeMap::new();
         for (output, result) in outputs.iter().zip(results) {
             match result {
                 Ok(written) => {
+                    // Names of files beside an output are known once it is written.
+                    let other = |file: &Written| writers.insert(file.path.clone(), &output.name);
+                    let others = Vec::from_iter(written.iter().filter_map(other));
+                    problems.extend(others.first().map(|other| shared_file(output, other)));
                     problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
                     files.extend(written);
                 }
@@ -463,6 +468,14 @@ struct Unwritten {
     problem: Box<Problem>,
     /// Whether the system, or what is in the folder, refused it: then it may be written another time.
     is_refused: bool,
+}
+
+/// The error about an output that has replaced a file of an output before it.
+fn shared_file(output: &GraphOutput, other: &str) -> Problem {
+    let message = format!("`{}` also writes a file that `{other}` writes", output.name);
+    let place = (output.source.clone(), output.span);
+    let problem = Problem::new(Severity::Error, code::FAILED, place, message);
+    Problem { help: "give one of the two outputs another name".into(), ..problem }
 }
 
 /// What files are made of: a value, and what they tell of it.
