@@ -366,6 +366,48 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_is_named_in_many_spellings_is_read_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = (0..390).map(|k| format!("mtllib {}a.mtl\n", "./".repeat(k)));
+        let text = format!("{}mtllib b/../a.mtl\nv 0 0 0\n", String::from_iter(names));
+        std::fs::create_dir(folder.path().join("b")).unwrap();
+        std::fs::write(folder.path().join("a.mtl"), "newmtl a\n").unwrap();
+        let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
+        std::fs::write(&file.path, text).unwrap();
+        let known = Known::default();
+        let read = Reads::new(&known, &readers()).file(&file).unwrap().unwrap();
+        let first = read.companion("a.mtl").unwrap();
+        assert_eq!(read.companions.len(), 391);
+        for found in read.companions.values() {
+            assert!(Arc::ptr_eq(found.as_ref().unwrap(), &first));
+        }
+    }
+
+    #[test]
+    fn a_forecast_reads_no_large_files_and_none_that_name_such() {
+        let folder = tempfile::tempdir().unwrap();
+        let large = |name: &str| {
+            let file = std::fs::File::create(folder.path().join(name)).unwrap();
+            file.set_len(MAX_FORECAST_BYTES + 1).unwrap();
+        };
+        large("large.txt");
+        large("a.mtl");
+        std::fs::write(folder.path().join("a.obj"), "mtllib a.mtl\nv 0 0 0\n").unwrap();
+        std::fs::write(folder.path().join("b.txt"), "small").unwrap();
+        let known = Known::default();
+        let readers = readers();
+        let is_spared = |name: &str, is_forecast: bool| {
+            let file = NodeFile { path: folder.path().join(name), ..at(folder.path().join("a")) };
+            let reads = Reads::new(&known, &readers);
+            let reads = if is_forecast { reads.sparing() } else { reads };
+            reads.is_spared(&file)
+        };
+        for (name, expected) in [("large.txt", true), ("a.obj", true), ("b.txt", false)] {
+            assert_eq!((is_spared(name, true), is_spared(name, false)), (expected, false), "{name}");
+        }
+    }
+
+    #[test]
     fn a_file_that_is_not_there_is_an_error_only_if_it_is_needed() {
         let file = at("/no/such/folder/a.txt".into());
         let known = Known::default();

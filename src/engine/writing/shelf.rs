@@ -122,6 +122,19 @@ mod tests {
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }
 
+    /// To open a pipe would wait until somebody reads from it.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_pipe_in_the_place_of_a_lock_stops_nobody() {
+        let parent = tempfile::tempdir().unwrap();
+        let other = parent.path().join("maquette-serve-other");
+        fs::create_dir(&other).unwrap();
+        let (mode, kind) = (rustix::fs::Mode::RWXU, rustix::fs::FileType::Fifo);
+        rustix::fs::mknodat(rustix::fs::CWD, other.join(LOCK), kind, mode, 0).unwrap();
+        let shelf = Shelf::new(Some(parent.path())).unwrap();
+        assert!(shelf.path().exists() && other.exists());
+    }
+
     #[test]
     fn no_name_leads_out() {
         let parent = tempfile::tempdir().unwrap();
