@@ -58,6 +58,7 @@ pub(super) struct MeshGlb;
 impl FileFormat for MeshGlb {
     type Value = Mesh;
     const ENDING: &'static str = "glb";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(mesh)?))
@@ -366,6 +367,7 @@ impl<'a> Buffers<'a> {
 impl FileReader for MeshGlb {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["glb"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         let (mesh, notes) = read_noted(file.bytes(), &|uri| gltf::content(uri, file))?;

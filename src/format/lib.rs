@@ -35,6 +35,7 @@ mod chosen;
 mod colors;
 mod common;
 mod corners;
+mod fidelity;
 mod finite;
 #[cfg(test)]
 mod hostile;

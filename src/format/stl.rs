@@ -280,6 +280,7 @@ pub(super) struct MeshStl;
 impl FileFormat for MeshStl {
     type Value = Mesh;
     const ENDING: &'static str = "stl";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
@@ -314,6 +315,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
 impl FileReader for MeshStl {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["stl"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         let (mesh, notes) = read_noted(file.bytes())?;

@@ -29,6 +29,7 @@ pub(super) struct MeshThreeMf;
 impl FileFormat for MeshThreeMf {
     type Value = Mesh;
     const ENDING: &'static str = "3mf";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::THREE_MF;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
@@ -198,7 +199,7 @@ fn write_model(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use miniz_oxide::inflate::decompress_to_vec;
 
@@ -213,7 +214,7 @@ mod tests {
     }
 
     /// The files of an archive, found by its directory.
-    fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    pub(crate) fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
         let number = |at: usize, size: usize| {
             bytes[at..at + size].iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte))
         };

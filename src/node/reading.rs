@@ -12,6 +12,8 @@ use maquette_value::plain;
 use maquette_value::plain::{ending, without_mark};
 use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
 
+use crate::fidelity::Fidelities;
+
 /// A way to read one type of values from one kind of files.
 pub trait FileReader {
     /// What it reads.
@@ -19,6 +21,9 @@ pub trait FileReader {
 
     /// The endings of such files' names, in lower case, without the dot.
     const ENDINGS: &'static [&'static str];
+
+    /// What it keeps of a mesh or of points in a file, for `maquette help formats`.
+    const FIDELITY: Fidelities = &[];
 
     /// The value in the file. It never panics, and reserves no more memory than a small multiple of the bytes that are there,
     /// whatever the file says of itself.
@@ -94,6 +99,9 @@ pub struct AnyReader {
     kind: fn() -> &'static ValueType,
     read: fn(&Reading<'_>) -> Result<AnyValue, Error>,
     companions: Option<fn(&Reading<'_>)>,
+    /// What it keeps of a mesh or of points in a file.
+    #[doc(hidden)]
+    pub fidelity: Fidelities,
 }
 
 /// The description of the reader `R` for the engine.
@@ -103,6 +111,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         kind: value_type::<R::Value>,
         read: |file| R::read(file).map(AnyValue::new),
         companions: R::COMPANIONS,
+        fidelity: R::FIDELITY,
     }
 }
 
@@ -159,6 +168,12 @@ struct Utf16;
 pub struct Readers(Vec<AnyReader>);
 
 impl Readers {
+    /// All of them, in the packs' order.
+    #[doc(hidden)]
+    pub fn all(&self) -> &[AnyReader] {
+        &self.0
+    }
+
     #[doc(hidden)]
     pub fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
         Self(readers.into_iter().collect())

@@ -22,6 +22,7 @@ pub(crate) struct MeshObj;
 impl FileFormat for MeshObj {
     type Value = Mesh;
     const ENDING: &'static str = "obj";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
@@ -214,6 +215,7 @@ fn laid(mesh: Mesh, layout: Layout) -> Result<Mesh, MeshError> {
 impl FileReader for MeshObj {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["obj"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
         let (mesh, notes) = super::read_noted(file.bytes())?;

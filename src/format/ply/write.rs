@@ -23,6 +23,7 @@ pub(crate) struct MeshPly;
 impl FileFormat for MeshPly {
     type Value = Mesh;
     const ENDING: &'static str = "ply";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::only(name, content(mesh, "", upright_sign(mesh))?.into_bytes()))
@@ -384,6 +385,7 @@ impl Rows for FaceRows<'_> {
 impl FileReader for MeshPly {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["ply"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
         let Contents { mesh, finite, notes, face_notes, pictures } =
