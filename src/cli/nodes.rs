@@ -21,6 +21,9 @@ pub(crate) struct Nodes {
     /// Of a graph's, only this node.
     #[arg(value_name = "NODE")]
     of_graph: Option<String>,
+    /// Print every node in full, not only its first sentence.
+    #[arg(long)]
+    doc: bool,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -33,6 +36,9 @@ impl Nodes {
                 true => print_json(
                     &json!({ "nodes": catalog.entries().map(Entry::to_json).collect::<Vec<_>>() }),
                 ),
+                false if self.doc => {
+                    self.print(&Vec::from_iter(catalog.entries().map(Entry::description)));
+                }
                 false => print(&list(catalog)),
             }
             return Exit::Done;
@@ -147,6 +153,7 @@ fn in_full(entry: &Description<'_>) -> String {
             let _ = writeln!(text, "      promises {promise}");
         }
     }
+    let _ = writeln!(text, "\nExactness\n  {}", entry.exactness.in_words());
     if !entry.carries.is_empty() {
         text += "\nAttributes\n";
     }

@@ -15,7 +15,7 @@ use maquette_golden::case;
 use maquette_golden::compare::{Comparison, Verdict};
 use maquette_golden::store::Golden;
 use maquette_golden::suite;
-use maquette_golden::suite::{Case, Compared, Report, Settings, State, html, junit};
+use maquette_golden::suite::{Case, Compared, Report, Settings, Shard, State, html, junit};
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Severity};
 use serde_json::json;
@@ -33,6 +33,9 @@ pub(crate) struct Test {
     /// Only cases whose graph or name holds this.
     #[arg(long, value_name = "TEXT")]
     filter: Option<String>,
+    /// Only part K of N of the cases: by name, so that the parts of N machines are together all cases.
+    #[arg(long, value_name = "K/N")]
+    shard: Option<Shard>,
     /// Accept all results as they are. Refused, as is --review, where CI is set and over goldens that are not committed.
     #[arg(long, conflicts_with = "review")]
     bless: bool,
@@ -102,6 +105,7 @@ impl Test {
         let settings = Settings {
             catalog,
             filter: self.filter.as_deref(),
+            shard: self.shard,
             graphs: &graphs,
             cold: self.cold,
             locked: self.locked,

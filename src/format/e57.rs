@@ -249,6 +249,7 @@ pub(super) struct PointsE57;
 impl FileReader for PointsE57 {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["e57"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
         let (points, left_out) = read_finite(file.bytes())?;

@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::corners::{Split, split};
-use super::left_out::Holds;
+use super::left_out;
 use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
@@ -59,6 +59,7 @@ pub(super) struct MeshGlb;
 impl FileFormat for MeshGlb {
     type Value = Mesh;
     const ENDING: &'static str = "glb";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(mesh)?))
@@ -72,17 +73,12 @@ impl FileFormat for MeshGlb {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(HOLDS.left_out(mesh)).collect()
+        coarse_mesh(mesh)
+            .into_iter()
+            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .collect()
     }
 }
-
-/// What its files hold of a mesh.
-const HOLDS: Holds = Holds {
-    vertex: Some(&["normal", "uv", "color"]),
-    corner: &["normal", "uv"],
-    face: false,
-    picture: true,
-};
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     Ok(content(mesh, None)?.into_bytes())
@@ -375,6 +371,7 @@ impl<'a> Buffers<'a> {
 impl FileReader for MeshGlb {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["glb"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         let (mesh, notes) = read_noted(file.bytes(), &|uri| gltf::content(uri, file))?;

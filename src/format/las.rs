@@ -147,6 +147,7 @@ pub(super) struct PointsLas;
 impl FileReader for PointsLas {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["las", "laz"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
         Ok(read(file.bytes())?)

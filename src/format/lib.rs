@@ -36,6 +36,7 @@ mod chosen;
 mod colors;
 mod common;
 mod corners;
+mod fidelity;
 mod finite;
 #[cfg(test)]
 mod hostile;

@@ -364,6 +364,7 @@ pub(super) struct PointsPcd;
 impl FileReader for PointsPcd {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["pcd"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
         let (points, notes) = read_points(file.bytes(), file.color_range())?;

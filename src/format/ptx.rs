@@ -297,6 +297,7 @@ pub(super) struct PointsPtx;
 impl FileReader for PointsPtx {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["ptx"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
         let (points, left_out) = read_points(file.bytes())?;

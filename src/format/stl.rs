@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::corners::FaceList;
-use super::left_out::Holds;
+use super::left_out;
 use super::rows::floats;
 use super::upright::upright;
 use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, real, words};
@@ -281,19 +281,20 @@ pub(super) struct MeshStl;
 impl FileFormat for MeshStl {
     type Value = Mesh;
     const ENDING: &'static str = "stl";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(open(mesh)).chain(HOLDS.left_out(mesh)).collect()
+        coarse_mesh(mesh)
+            .into_iter()
+            .chain(open(mesh))
+            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .collect()
     }
 }
-
-/// What its files hold of a mesh.
-const HOLDS: Holds =
-    Holds { vertex: Some(&["normal"]), corner: &["normal"], face: false, picture: false };
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
     check_mesh(mesh)?;
@@ -319,6 +320,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
 impl FileReader for MeshStl {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["stl"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         let (mesh, notes) = read_noted(file.bytes())?;

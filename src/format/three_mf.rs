@@ -14,7 +14,7 @@ use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::left_out::Holds;
+use super::left_out;
 use super::upright::upright;
 use super::{check_mesh, coarse_mesh, open, png, zip};
 
@@ -34,19 +34,25 @@ pub(super) struct MeshThreeMf;
 impl FileFormat for MeshThreeMf {
     type Value = Mesh;
     const ENDING: &'static str = "3mf";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::THREE_MF;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
         Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(open(mesh)).chain(HOLDS.left_out(mesh)).collect()
+        coarse_mesh(mesh)
+            .into_iter()
+            .chain(open(mesh))
+            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .collect()
     }
 }
 
 impl FileReader for MeshThreeMf {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["3mf"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::THREE_MF_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         let (mesh, notes) = read::read(file.bytes())?;
@@ -54,14 +60,6 @@ impl FileReader for MeshThreeMf {
         Ok(mesh)
     }
 }
-
-/// What its files hold of a mesh.
-const HOLDS: Holds = Holds {
-    vertex: Some(&["normal", "uv", "color"]),
-    corner: &["normal", "uv", "color"],
-    face: false,
-    picture: true,
-};
 
 const TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
@@ -222,7 +220,7 @@ fn write_model(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use miniz_oxide::inflate::decompress_to_vec;
 
@@ -238,7 +236,7 @@ mod tests {
     }
 
     /// The files of an archive, found by its directory.
-    fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    pub(crate) fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
         let number = |at: usize, size: usize| {
             bytes[at..at + size].iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte))
         };

@@ -316,6 +316,7 @@ pub(super) struct PointsXyz;
 impl FileFormat for PointsXyz {
     type Value = Points;
     const ENDING: &'static str = "xyz";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_XYZ;
 
     fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, error::Error> {
         check_single("point", points.positions())?;
@@ -379,6 +380,7 @@ fn encode(
 impl FileReader for PointsXyz {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
     fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
         let (points, notes) = read_noted(file.bytes(), file.color_range())?;

@@ -12,12 +12,15 @@ use maquette_syntax::{
     Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, one_file_twice, parse, read_tree, twice,
 };
 use maquette_value::plain;
-use maquette_value::{Meaning, Part, ValueType};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
 use super::sound::keep_sound;
+
+mod fields;
+
+use fields::{Fields, OF_PLACES, known_fields};
 
 /// The ending of a test file's name.
 pub const ENDING: &str = ".test.ron";
@@ -50,7 +53,7 @@ pub(crate) struct Case {
     set: BTreeMap<String, serde_json::Value>,
     /// Files with the values of the graph's inputs, relative to the test's folder, as with `--input`.
     inputs: BTreeMap<String, String>,
-    /// Why it is not run now; it is if this is left out.
+    /// The reason why it is not run now; it runs if this is left out.
     pub(crate) skip: Option<String>,
 }
 
@@ -97,28 +100,6 @@ pub(crate) struct Allowed {
     pub(crate) tolerance: Tolerance,
 }
 
-/// Which fields of a tolerance make sense for a value: one with places, one with other numbers, one of colors or flags alone.
-const OF_PLACES: [&str; 9] =
-    ["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed", "keep"];
-const OF_NUMBERS: [&str; 5] = ["max", "normals", "attributes", "differing", "keep"];
-const OF_LEVELS: [&str; 3] = ["differing", "level", "keep"];
-
-/// The fields of a tolerance that make sense for a type, by what its numbers mean; all, where it has no values to tell by.
-fn fields_of(kind: &ValueType) -> &'static [&'static str] {
-    let values = kind.hostile();
-    let means = |wanted: &[Meaning]| {
-        let is_wanted = |part: &Part<'_>| !part.aside && wanted.contains(&part.meaning);
-        values.iter().any(|value| value.parts().columns.iter().any(is_wanted))
-    };
-    if values.is_empty() || means(&[Meaning::Position]) {
-        &OF_PLACES
-    } else if means(&[Meaning::Number, Meaning::Direction]) {
-        &OF_NUMBERS
-    } else {
-        &OF_LEVELS
-    }
-}
-
 /// The test of a test file, or every problem of it; the catalog knows the types of values.
 pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Problem>> {
     whole(read_with(path, plain::read_own_text(path), &known_fields(catalog)))
@@ -136,21 +117,6 @@ fn whole((test, problems): (Option<TestFile>, Vec<Problem>)) -> Result<TestFile,
 /// The same without judging which tolerances make sense: to know what it is about.
 pub fn skim(path: &Path) -> Option<TestFile> {
     whole(read_with(path, plain::read_own_text(path), &|_| Ok(&OF_PLACES))).ok()
-}
-
-/// The tolerances of a type of values by its name, or the types that are known.
-type Fields<'a> = dyn Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + 'a;
-
-fn known_fields(
-    catalog: &Catalog,
-) -> impl Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + '_ {
-    |name| {
-        catalog.value_types().get(name).map(|kind| fields_of(kind)).ok_or_else(|| {
-            let mut known = Vec::from_iter(catalog.value_types().into_keys());
-            known.sort_unstable();
-            known
-        })
-    }
 }
 
 fn read_with(
@@ -253,6 +219,7 @@ fn read_source(
     });
     let mut cases = cases(&tree, &test, &source.text, folder);
     findings.extend(missing_inputs(&tree, folder));
+    findings.extend(skips_without_reason(&tree));
     if cases.is_empty() {
         let span = tree.span;
         cases.push((
@@ -271,6 +238,9 @@ fn read_source(
                 "`{output}` is to be compared as a surface, of which some entries tell nothing"
             );
             let help = "leave `remeshed` or `keep` out";
+            findings.push(finding(code::WRONG_VALUE, *span, message, help));
+        }
+        if let Some((message, help)) = compare.get(output).and_then(Tolerance::contradiction) {
             findings.push(finding(code::WRONG_VALUE, *span, message, help));
         }
     }
@@ -302,6 +272,19 @@ fn missing_inputs(tree: &Tree, folder: &Path) -> Vec<Finding> {
         };
         let message = format!("input `{}`: {message}", name.text()?);
         Some(finding(code, file.span, message, help))
+    });
+    wrong.collect()
+}
+
+/// Cases that are skipped for no reason: nobody would know when to run them again.
+fn skips_without_reason(tree: &Tree) -> Vec<Finding> {
+    let cases = entries(tree, "cases");
+    let skips = cases.iter().filter_map(|(_, case)| field(case, "skip"));
+    let empty = skips.filter(|skip| skip.text().is_some_and(|why| why.trim().is_empty()));
+    let wrong = empty.map(|skip| {
+        let message = "expected the reason why the case is skipped, found an empty text".into();
+        let help = "say why, as `skip: \"takes an hour\"`, or leave `skip` out";
+        finding(code::WRONG_VALUE, skip.span, message, help)
     });
     wrong.collect()
 }

@@ -68,6 +68,12 @@ pub struct Tolerance {
     /// By how much a channel of a color may differ without counting: 0 to 255.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub level: f64,
+    /// The largest difference of any channel of a color, 0 to 255, however few pixels differ.
+    #[schemars(range(min = 0.0, max = 255.0))]
+    pub hard: Option<f64>,
+    /// Differences of colors and numbers up to this fraction of the mean of both do not count.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub relative: f64,
     /// Lets a mesh be of other faces, as long as its surface is near.
     pub remeshed: bool,
     /// How much of the value a golden keeps.
@@ -105,6 +111,14 @@ impl Keep {
 }
 
 impl Tolerance {
+    /// Why these bounds cannot work together, and what helps.
+    pub fn contradiction(&self) -> Option<(String, &'static str)> {
+        let hard = self.hard.filter(|hard| *hard < self.level)?;
+        let (hard, level) = (six(hard), six(self.level));
+        let message = format!("expected `hard` to be at least `level`, {level}, found {hard}");
+        Some((message, "raise `hard`, or lower `level`"))
+    }
+
     /// The largest differences that are said, by the name of what they are of.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (&str, f64)> {
         let fields = [("max", self.max), ("normals", self.normals)].into_iter();
@@ -124,6 +138,8 @@ pub struct Measure {
     pub rms: f64,
     /// What 99 % stay below.
     pub p99: f64,
+    /// The largest difference that counts: all but those that `relative` allows.
+    pub counted: f64,
     /// The share of elements that differ.
     pub differing: f64,
     /// `mm`, `degrees` or nothing.

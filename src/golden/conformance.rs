@@ -33,7 +33,7 @@ const MEMORY: usize = 1 << 30;
 ///
 /// 1. Names of nodes, values, ports and outputs are unique and well formed.
 /// 2. Every node, port, parameter and choice is documented.
-/// 3. Every default is valid.
+/// 3. Every default is valid, and so is its tolerance between machines, if it has one.
 /// 4. The node's example `<examples>/<Node>.ron` exists and runs.
 /// 5. Changing any parameter changes the key.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
@@ -160,6 +160,10 @@ fn documentation(entry: &Entry, broken: &mut Vec<String>) {
 }
 
 fn defaults(entry: &Entry, broken: &mut Vec<String>) {
+    if !entry.exactness().is_sound() {
+        let (name, exactness) = (&entry.name, entry.exactness());
+        broken.push(format!("{name} is {exactness:?}: expected a fraction between 0 and 1"));
+    }
     let schema = entry.schema();
     for (name, field) in schema.get("properties").and_then(Json::as_object).into_iter().flatten() {
         if let Some(default) = field.get("default") {

@@ -31,11 +31,13 @@ mod misfits;
 mod nodes;
 mod orphans;
 mod picture;
+mod shard;
 mod shared;
 
 pub use file::{FileKind, of_file};
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
+pub use shard::Shard;
 pub use shared::shared;
 
 /// The folder of goldens beside a test file.
@@ -206,6 +208,8 @@ pub struct Settings<'a> {
     pub catalog: &'a Catalog,
     /// Only cases whose title holds this.
     pub filter: Option<&'a str>,
+    /// Only this part of the cases that are left.
+    pub shard: Option<Shard>,
     /// Of these test files only the cases of these graphs.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
     /// Nothing may come from the cache.
@@ -267,7 +271,7 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     problems.extend(found);
     tests.retain(|test| !files.contains(&test.source.name));
     let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
-    let orphans = match settings.filter {
+    let mut orphans = match settings.filter {
         None if settings.graphs.is_empty() => orphans::unclaimed(&tests),
         _ => Vec::new(),
     };
@@ -282,7 +286,15 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     {
         return Err(no_case(filter, &jobs));
     }
-    let jobs: Vec<Job<'_>> = jobs.iter().filter(wanted).cloned().collect();
+    let mut jobs: Vec<Job<'_>> = jobs.iter().filter(wanted).cloned().collect();
+    if let Some(shard) = settings.shard {
+        let mut is_in = shard.contains(&Vec::from_iter(jobs.iter().map(Job::title))).into_iter();
+        jobs.retain(|_| is_in.next().unwrap_or(false));
+        if !shard.is_first() {
+            problems.clear();
+            orphans.clear();
+        }
+    }
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, Case)>> = Mutex::new(Vec::new());
     let failed: Mutex<Option<String>> = Mutex::new(None);
@@ -346,6 +358,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     let settings = Settings {
         catalog,
         filter: None,
+        shard: None,
         graphs: &BTreeMap::new(),
         cold: true,
         locked: false,

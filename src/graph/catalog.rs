@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use indexmap::IndexMap;
 use maquette_node::pack::{Format, Migration, NewFile, Pack, Recipe};
 use maquette_node::reading::{AnyReader, Readers};
-use maquette_node::{Carry, NodeType, Output, Term};
+use maquette_node::{Carry, Exactness, Fidelities, NodeType, Output, Term};
 use maquette_syntax::error::Error;
 use maquette_syntax::merged;
 use maquette_value::plain::ending;
@@ -96,6 +96,11 @@ impl Entry {
         (self.node.carries)()
     }
 
+    /// How equal its results are on all machines and for all builds.
+    pub fn exactness(&self) -> Exactness {
+        self.node.exactness
+    }
+
     /// What it wants of its ports and promises of its outputs.
     pub fn terms(&self) -> Vec<Term> {
         (self.node.terms)()
@@ -133,6 +138,7 @@ impl Entry {
                 .map(|term| (term.at.to_owned(), term.in_words()))
                 .collect(),
             carries: self.carries(),
+            exactness: self.exactness(),
         }
     }
 }
@@ -357,6 +363,15 @@ impl Catalog {
         endings
     }
 
+    /// What the files of each format keep of a type of values, as its writers or its readers say: their extensions, and the list.
+    pub fn fidelities(&self, kind: &ValueType, is_read: bool) -> Vec<(String, Fidelities)> {
+        let written = self.formats.iter().filter(|it| !is_read && (it.kind)() == kind);
+        let written = written.map(|it| (it.ending.to_owned(), it.fidelity));
+        let read = self.readers.all().iter().filter(|it| is_read && it.kind() == kind);
+        let read = read.map(|it| (it.endings.join(" "), it.fidelity));
+        written.chain(read).filter(|(_, list)| !list.is_empty()).collect()
+    }
+
     /// Nodes that take a value of the first type and give one of the second.
     pub(crate) fn converters(&self, from: &str, to: &str) -> Vec<&str> {
         let converts = |entry: &&Entry| {
@@ -404,6 +419,27 @@ mod tests {
         fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
             unreachable!("no test evaluates it")
         }
+    }
+
+    #[derive(Serialize, Deserialize, JsonSchema)]
+    struct Rough {}
+
+    impl Node for Rough {
+        type Outputs = (Mesh,);
+        const OUTPUTS: [&'static str; 1] = ["mesh"];
+        const EXACTNESS: Exactness = Exactness::Tolerant(1e-6);
+
+        fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+            unreachable!("no test evaluates it")
+        }
+    }
+
+    #[test]
+    fn a_node_says_how_exact_it_is_and_is_exact_if_it_does_not() {
+        const NODES: &[NodeType] = &[node::<Nothing>(), node::<Rough>()];
+        let catalog = Catalog::new(&[&Pack { nodes: NODES, ..Pack::EMPTY }]);
+        let told = |name: &str| catalog.find(name).unwrap().to_json()["exactness"].take();
+        assert_eq!([told("Nothing"), told("Rough")], [json!("exact"), json!({ "tolerant": 1e-6 })]);
     }
 
     #[test]

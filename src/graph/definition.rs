@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use maquette_node::{AnyNode, Output};
+use maquette_node::{AnyNode, Exactness, Output};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Finding, FoundFile, FoundLink, Name, Sheet, Tree};
 use maquette_value::ValueType;
@@ -59,6 +59,16 @@ impl Definition {
     /// The parameters whose defaults are computed from others, each behind all that it is computed from.
     pub fn derived_parameters(&self) -> Vec<&str> {
         self.defaults.derived().map(|(name, _)| name).collect()
+    }
+
+    /// How equal its results are on all machines: as equal as those of the worst of its nodes.
+    pub(super) fn exactness(&self) -> Exactness {
+        let of_draft = |draft: &Draft| match &draft.what {
+            What::Node(entry) => entry.exactness(),
+            What::Use(_, graph) => graph.exactness(),
+            _ => Exactness::Exact,
+        };
+        self.drafts.iter().map(of_draft).fold(Exactness::Exact, Exactness::and)
     }
 }
 

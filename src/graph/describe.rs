@@ -1,5 +1,6 @@
 //! What is told of a graph that others use: the same as of a built-in node.
 
+use maquette_node::Exactness;
 use serde_json::{Map, Value as Json};
 
 use super::definition::Definition;
@@ -15,6 +16,7 @@ pub struct Subgraph {
     schema: Json,
     outputs: Vec<(String, Vec<&'static str>)>,
     promises: Vec<(String, String)>,
+    exactness: Exactness,
 }
 
 impl Subgraph {
@@ -29,14 +31,15 @@ impl Subgraph {
             schema: definition.fields.clone(),
             outputs: definition.ports.iter().map(output).collect(),
             promises: definition.promises().map(|(port, it)| (port.into(), it.into())).collect(),
+            exactness: definition.exactness(),
         }
     }
 
     pub fn description(&self) -> Description<'_> {
         let (name, pack, schema) = (&self.name[..], &self.file[..], &self.schema);
         let (outputs, promises) = (self.outputs.clone(), self.promises.clone());
-        let version = self.version.as_deref();
-        Description { name, pack, version, schema, outputs, promises, carries: &[] }
+        let (version, exactness) = (self.version.as_deref(), self.exactness);
+        Description { name, pack, version, schema, outputs, promises, carries: &[], exactness }
     }
 
     /// The description of its fields as a built-in node's.

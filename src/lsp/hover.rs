@@ -187,7 +187,8 @@ impl Hover<'_> {
             None => format!("pack {}", kind.from),
         };
         let doc = kind.schema["description"].as_str().unwrap_or_default().to_owned();
-        Some(paragraphs([format!("**{name}** ({from})"), doc, rows, format!("gives {gives}")]))
+        let head = format!("**{name}** ({from})");
+        Some(paragraphs([head, doc, rows, format!("gives {gives}"), kind.exactness.clone()]))
     }
 
     fn parameter(&self, name: &str) -> Option<String> {

@@ -5,6 +5,7 @@ mod plain;
 mod tests;
 
 use maquette_graph::catalog::Catalog;
+use maquette_node::{DataKind, Fidelities, Fidelity};
 pub use plain::plain;
 
 /// One topic of the language: `src/lsp/language/NAME.md`, which begins with its title.
@@ -30,6 +31,7 @@ pub const TOPICS: &[Topic] = &[
     Topic { name: "sweep", text: include_str!("language/sweep.md") },
     Topic { name: "drafts", text: include_str!("language/drafts.md") },
     Topic { name: "pins", text: include_str!("language/pins.md") },
+    Topic { name: "formats", text: include_str!("language/formats.md") },
     Topic { name: "limits", text: include_str!("language/limits.md") },
     Topic { name: "tables", text: include_str!("language/tables.md") },
     Topic { name: "provenance", text: include_str!("language/provenance.md") },
@@ -40,10 +42,22 @@ pub const TOPICS: &[Topic] = &[
 /// Stands for the rows of a table in which each node says what becomes of attributes.
 const ROWS: &str = "| .. | .. | .. | .. | .. | .. | .. |\n";
 
+/// Stand for the tables of what files keep: the type of values, and whether they are read.
+const TABLES: [(&str, &str, bool); 4] = [
+    ("| meshes, written |\n", "Mesh", false),
+    ("| meshes, read |\n", "Mesh", true),
+    ("| points, written |\n", "Points", false),
+    ("| points, read |\n", "Points", true),
+];
+
 impl Topic {
-    /// The text for a program with these nodes.
+    /// The text for a program with these nodes and formats.
     pub fn told(&self, catalog: &Catalog) -> String {
-        self.text.replace(ROWS, &rows(catalog))
+        let text = self.text.replace(ROWS, &rows(catalog));
+        TABLES.iter().fold(text, |text, (mark, kind, is_read)| match text.contains(mark) {
+            true => text.replace(mark, &fidelity_table(catalog, kind, *is_read)),
+            false => text,
+        })
     }
 
     /// What it is about.
@@ -65,6 +79,44 @@ fn rows(catalog: &Catalog) -> String {
         }
     }
     rows
+}
+
+/// What each format keeps of values of this type: a row for each kind of data, and below them how it is changed.
+fn fidelity_table(catalog: &Catalog, kind: &str, is_read: bool) -> String {
+    let Some(kind) = catalog.value_type(kind) else { return String::new() };
+    let formats = catalog.fidelities(kind, is_read);
+    let rows = DataKind::ALL.map(|kind| {
+        let fates = formats.iter().map(|(_, list)| fidelity(list, kind));
+        (kind.in_words(), Vec::from_iter(fates))
+    });
+    let longest = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    let widths = Vec::from_iter(formats.iter().map(|(name, _)| name.len().max("changed".len())));
+    let line = |first: &str, cells: &mut dyn Iterator<Item = &str>| {
+        let cells = cells.zip(&widths).map(|(cell, width)| format!(" {cell:<width$} |"));
+        format!("| {first:<longest$} |{}\n", String::from_iter(cells))
+    };
+    let mut text = line("", &mut formats.iter().map(|(name, _)| &name[..]));
+    let dashes = widths.iter().map(|width| format!("{}|", "-".repeat(width + 2)));
+    text += &format!("|{}|{}\n", "-".repeat(longest + 2), String::from_iter(dashes));
+    let mut notes = String::new();
+    for (name, fates) in &rows {
+        let word = |fate: &Option<Fidelity>| match fate {
+            Some(Fidelity::Kept) => "kept",
+            Some(Fidelity::Changed(_)) => "changed",
+            None => "lost",
+        };
+        text += &line(name, &mut fates.iter().map(word));
+        for (fate, (format, _)) in fates.iter().zip(&formats) {
+            if let Some(Fidelity::Changed(how)) = fate {
+                notes += &format!("- {name}, `{format}`: {how}\n");
+            }
+        }
+    }
+    if notes.is_empty() { text } else { format!("{text}\n{notes}") }
+}
+
+fn fidelity(list: Fidelities, kind: DataKind) -> Option<Fidelity> {
+    list.iter().find(|(listed, _)| *listed == kind).map(|(_, fidelity)| *fidelity)
 }
 
 /// The topic of this name; capitals do not matter.

@@ -24,6 +24,8 @@ pub(super) struct NodeKind {
     /// Names, and the types of values that each may give.
     pub(super) outputs: Vec<(String, Vec<&'static str>)>,
     pub(super) promises: Vec<(String, String)>,
+    /// How equal its results are on all machines, in words.
+    pub(super) exactness: String,
     /// The pack that has it, or the file of the graph as it is written.
     pub(super) from: String,
     /// The file of the graph.
@@ -74,6 +76,7 @@ impl<'a> Library<'a> {
             schema: Rc::new(described.schema.clone()),
             outputs: described.outputs,
             promises: described.promises,
+            exactness: described.exactness.in_words(),
             from: described.pack.to_owned(),
             file: None,
         })
@@ -90,6 +93,7 @@ impl<'a> Library<'a> {
             schema: Rc::new(described.schema.clone()),
             outputs: described.outputs,
             promises: described.promises,
+            exactness: described.exactness.in_words(),
             from: used.kind.clone(),
             file: Some(file),
         })

@@ -7,7 +7,7 @@ use maquette_syntax::error::Error;
 use maquette_value::{AnyValue, ValueType};
 use schemars::Schema;
 
-use super::{Carry, Context, FilePath, Node, Outputs, Previous, Source, Term};
+use super::{Carry, Context, Exactness, FilePath, Node, Outputs, Previous, Source, Term};
 use crate::limit::Estimate;
 
 /// What the engine knows of a node. Made by [`node`].
@@ -23,6 +23,8 @@ pub struct NodeType {
     pub terms: fn() -> Vec<Term>,
     #[doc(hidden)]
     pub carries: fn() -> &'static [Carry],
+    #[doc(hidden)]
+    pub exactness: Exactness,
     #[doc(hidden)]
     pub read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, maquette_syntax::ReadError>,
 }
@@ -55,6 +57,7 @@ pub const fn node<T: Node>() -> NodeType {
         },
         terms: || Term::all(T::WANTS, T::PROMISES),
         carries: || T::CARRIES,
+        exactness: T::EXACTNESS,
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
     }
 }

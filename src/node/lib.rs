@@ -16,6 +16,8 @@ pub mod reading;
 
 mod carry;
 mod context;
+mod exactness;
+mod fidelity;
 mod file;
 mod kind;
 mod node;
@@ -25,6 +27,8 @@ mod terms;
 
 pub use carry::{Carry, DOMAINS, Fate};
 pub use context::{CancelToken, Context, Memos, Progress};
+pub use exactness::Exactness;
+pub use fidelity::{DataKind, Fidelities, Fidelity};
 pub use file::{Companions, File, FilePath, ReadError};
 pub use kind::{AnyNode, NodeType, Output, node};
 pub use limit::{Estimate, Limit, TooMuch};

@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 
 use crate::carry::Carry;
 use crate::context::Context;
+use crate::exactness::Exactness;
 use crate::file::FilePath;
 use crate::limit::Estimate;
 use crate::port::Outputs;
@@ -34,6 +35,9 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// What becomes of the attributes of meshes, points and range images, for each port that takes and each output that gives some.
     const CARRIES: &'static [Carry] = &[];
 
+    /// How equal its results are on all machines and for all builds: the same bytes, unless it says otherwise.
+    const EXACTNESS: Exactness = Exactness::Exact;
+
     /// Files that it reads if they are there, beside those that its fields name.
     fn files(&self) -> Vec<FilePath> {
         Vec::new()
@@ -50,7 +54,7 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     }
 
     /// Computes the outputs: a pure function of the parameters, the inputs and the files, the same bytes for any number of
-    /// threads.
+    /// threads; [`EXACTNESS`](Self::EXACTNESS) says whether they are the same on other machines, too.
     ///
     /// # Errors
     /// Whatever is wrong with the inputs; the message says what, not where.

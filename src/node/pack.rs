@@ -5,6 +5,7 @@ use maquette_value::plain::ending;
 use maquette_value::{AnyValue, Value, ValueType, value_type};
 
 use crate::NodeType;
+use crate::fidelity::Fidelities;
 use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
 
@@ -140,6 +141,9 @@ pub trait FileFormat {
     /// The ending of the file's name, in lower case, without the dot.
     const ENDING: &'static str;
 
+    /// What its files keep of a mesh or of points, for `maquette help formats`.
+    const FIDELITY: Fidelities = &[];
+
     /// The content of the file `name`, and of other files that belong to it, all in one folder.
     ///
     /// # Errors
@@ -215,6 +219,9 @@ pub struct Format {
     write: Write,
     content: WriteContent,
     doubts: fn(&AnyValue) -> Vec<String>,
+    /// What its files keep of a mesh or of points.
+    #[doc(hidden)]
+    pub fidelity: Fidelities,
 }
 
 impl Format {
@@ -273,6 +280,7 @@ pub const fn format<F: FileFormat>() -> Format {
         },
         content: |value, signature| F::content(own::<F>(value), signature),
         doubts: |value| F::doubts(own::<F>(value)),
+        fidelity: F::FIDELITY,
     }
 }
 

@@ -15,6 +15,8 @@ use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::fidelity::Fidelities;
+
 /// A way to read one type of values from one kind of files.
 pub trait FileReader {
     /// What it reads.
@@ -22,6 +24,9 @@ pub trait FileReader {
 
     /// The endings of such files' names, in lower case, without the dot.
     const ENDINGS: &'static [&'static str];
+
+    /// What it keeps of a mesh or of points in a file, for `maquette help formats`.
+    const FIDELITY: Fidelities = &[];
 
     /// The value in the file. It never panics, and reserves no more memory than a small multiple of the bytes that are there,
     /// whatever the file says of itself.
@@ -122,6 +127,9 @@ pub struct AnyReader {
     kind: fn() -> &'static ValueType,
     read: fn(&Reading<'_>) -> Result<AnyValue, Error>,
     companions: Option<fn(&Reading<'_>)>,
+    /// What it keeps of a mesh or of points in a file.
+    #[doc(hidden)]
+    pub fidelity: Fidelities,
 }
 
 /// The description of the reader `R` for the engine.
@@ -131,6 +139,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         kind: value_type::<R::Value>,
         read: |file| R::read(file).map(AnyValue::new),
         companions: R::COMPANIONS,
+        fidelity: R::FIDELITY,
     }
 }
 
@@ -187,6 +196,12 @@ struct Utf16;
 pub struct Readers(Vec<AnyReader>);
 
 impl Readers {
+    /// All of them, in the packs' order.
+    #[doc(hidden)]
+    pub fn all(&self) -> &[AnyReader] {
+        &self.0
+    }
+
     #[doc(hidden)]
     pub fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
         Self(readers.into_iter().collect())

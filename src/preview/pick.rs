@@ -1,6 +1,8 @@
 //! What of a value is under the pointer, where it lies in space.
 
-use maquette_value::{AnyValue, Attribute, Attributes, Axes, Layer, Mesh, TriangleTree};
+use maquette_value::{
+    AnyValue, Attribute, Attributes, Axes, Layer, Mesh, RayHit, Rgb, TriangleTree,
+};
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
@@ -34,6 +36,8 @@ struct Found<'a> {
     vertex: (usize, Point3<f64>),
     axes: Axes,
     face: Option<u32>,
+    /// The color that is seen there, and the pixel of the texture that has it.
+    color: Option<(Rgb, Option<[usize; 2]>)>,
     /// Where they are told, the attributes, and of which element.
     attributes: Vec<(&'static str, &'a Attributes, usize)>,
 }
@@ -68,6 +72,10 @@ impl Pickable {
         if let Some(face) = found.face {
             fields["face"] = face.into();
         }
+        if let Some((color, pixel)) = found.color {
+            fields["color"] = in_hexadecimal(color).into();
+            fields["pixel"] = pixel.map_or(Json::Null, |pixel| pixel.to_vec().into());
+        }
         for (name, attributes, element) in found.attributes {
             fields[name] = values(attributes, element);
         }
@@ -95,6 +103,7 @@ impl Pickable {
             vertex: (vertex as usize, place(vertex)),
             axes: axes_of_mesh(mesh),
             face: Some(hit.face),
+            color: color_at(mesh, &hit, first + corner, vertex as usize),
             attributes: vec![
                 ("attributes", mesh.vertex(), vertex as usize),
                 ("corner_attributes", mesh.corner(), first + corner),
@@ -135,7 +144,11 @@ impl Pickable {
                     _ => Vec::new(),
                 };
                 let at = vertex.1;
-                best = Some((off, Found { kind, at, vertex, axes, face: None, attributes }));
+                let color = attributes.first().and_then(|(_, attributes, element)| {
+                    Some((attributes.colors("color")?[*element], None))
+                });
+                let found = Found { kind, at, vertex, axes, face: None, color, attributes };
+                best = Some((off, found));
             }
         }
         best.map(|(_, found)| found)
@@ -192,6 +205,39 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
+/// The color of a mesh where a ray meets it, as `render` paints it: the texel, or else the color of the nearest corner or vertex.
+fn color_at(
+    mesh: &Mesh,
+    hit: &RayHit,
+    corner: usize,
+    vertex: usize,
+) -> Option<(Rgb, Option<[usize; 2]>)> {
+    let corners = hit.corners.map(|corner| corner as usize);
+    let vertices = corners.map(|corner| mesh.faces().corners()[corner] as usize);
+    let uv = match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {
+        (Some(uv), _) => Some(corners.map(|corner| uv[corner])),
+        (None, Some(uv)) => Some(vertices.map(|vertex| uv[vertex])),
+        (None, None) => None,
+    };
+    if let Some((texture, uv)) = mesh.texture().filter(|it| !it.pixels().is_empty()).zip(uv) {
+        let [u, v] = [0, 1].map(|axis| {
+            hit.shares().iter().zip(uv).map(|(share, uv)| share * uv[axis]).sum::<f64>()
+        });
+        let texel = |share: f64, size: usize| ((share * size as f64) as usize).min(size - 1);
+        let pixel = [texel(u, texture.width()), texel(1.0 - v, texture.height())];
+        return Some((texture.at(pixel), Some(pixel)));
+    }
+    let color = match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
+        (Some(colors), _) => colors[corner],
+        (None, colors) => colors?[vertex],
+    };
+    Some((color, None))
+}
+
+fn in_hexadecimal([r, g, b]: Rgb) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
 /// What the attributes of an element are, by name.
 fn values(attributes: &Attributes, element: usize) -> Json {
     let value = |attribute: &Attribute| match attribute {
@@ -200,10 +246,7 @@ fn values(attributes: &Attributes, element: usize) -> Json {
         Attribute::Flag(column) => column[element].into(),
         Attribute::Pair(column) => column[element].to_vec().into(),
         Attribute::Vector(column) => column[element].to_vec().into(),
-        Attribute::Color(column) => {
-            let [r, g, b] = column[element];
-            format!("#{r:02x}{g:02x}{b:02x}").into()
-        }
+        Attribute::Color(column) => in_hexadecimal(column[element]).into(),
     };
     let all = attributes.iter().map(|(name, attribute)| (name.to_owned(), value(attribute)));
     Json::Object(Map::from_iter(all))
@@ -283,6 +326,33 @@ mod tests {
     }
 
     #[test]
+    fn a_textured_face_tells_the_pixel_of_its_texture_and_the_color_of_that() {
+        let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
+        let corners = square.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+        let mesh = Mesh::new(corners, Faces::polygons(&[4], vec![0, 1, 2, 3]).unwrap()).unwrap();
+        let pixels = (0..32).map(|k| [k, 2 * k, 7]).collect::<Vec<_>>();
+        let texture = maquette_value::Image::new(8, 4, pixels).unwrap();
+        let uv = || Attribute::Pair(square.map(|[x, y]| [x / 4.0, y / 4.0]).to_vec().into());
+        let bare = mesh.with_texture(Some(texture));
+        let by_vertex = bare.clone().with_vertex("uv", uv()).unwrap();
+        let by_corner = bare.clone().with_corner("uv", uv()).unwrap();
+        for mesh in [by_vertex, by_corner] {
+            for (place, pixel) in [([1.2, 3.7], [2, 0]), ([0.1, 0.1], [0, 3]), ([3.9, 0.4], [7, 3])]
+            {
+                let sight = json!({ "origin": [place[0], place[1], 7.0], "direction": [0, 0, -1] });
+                let found = pick(vec![Layer::Triangles(Box::new(mesh.clone()))], &sight);
+                let level = (8 * pixel[1] + pixel[0]) as u8;
+                assert_eq!(found["pixel"], json!(pixel), "{found}");
+                assert_eq!(found["color"], in_hexadecimal([level, 2 * level, 7]), "{found}");
+                assert_eq!(found["at"], json!([place[0], place[1], 0.0]), "{found}");
+            }
+        }
+        // A picture that nobody knows the place of is not seen.
+        let sight = json!({ "origin": [1.0, 1.0, 7.0], "direction": [0, 0, -1] });
+        assert_eq!(pick(vec![Layer::Triangles(Box::new(bare))], &sight)["color"], Json::Null);
+    }
+
+    #[test]
     fn a_face_is_before_the_points_behind_it_and_tells_what_it_has() {
         let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
@@ -297,6 +367,7 @@ mod tests {
         let found =
             pick(layers, &json!({ "origin": [1.0, 3.0, 7.0], "direction": [0.0, 0.0, -1.0] }));
         let expected = json!({
+            "color": "#c33923", "pixel": null,
             "kind": "triangles", "face": 0, "at": [1.0, 3.0, 0.0], "vertex": 3, "vertex_at": [0.0, 4.0, 0.0],
             "attributes": { "filled": 0 }, "corner_attributes": { "color": "#c33923" }, "face_attributes": { "part": 5 },
         });

@@ -306,6 +306,42 @@ fn many_changes_leave_the_memory_of_the_page_where_it_was() {
 }
 
 #[test]
+fn keys_act_on_what_is_seen_before_anybody_has_clicked() {
+    let Some((_project, mut served, mut browser)) = doll() else { return };
+    let pressed = |browser: &mut Browser, label: &str| {
+        browser.ask(&format!(
+            "[...document.querySelectorAll('.tools button')].find((it) => it.textContent === '{label}').ariaPressed"
+        ))
+    };
+    let side = "document.querySelector('.side').textContent";
+    assert_eq!(browser.ask("document.activeElement === document.body"), true);
+    browser.press("w", 0);
+    assert_eq!(pressed(&mut browser, "edges"), "true");
+    browser.press("ArrowRight", 0);
+    browser.wait(&format!("{side} !== 'from the front'"));
+    browser.press("0", 0);
+    browser.wait(&format!("{side} === 'from the front'"));
+    // Beside what is seen letters act, and arrows scroll.
+    browser.ask("document.querySelector('svg .node').focus()");
+    browser.press("w", 0);
+    browser.press("ArrowRight", 0);
+    assert_eq!(pressed(&mut browser, "edges"), "false");
+    assert_eq!(browser.ask(side), "from the front");
+    // What somebody types is typed, and the help has its own keys.
+    browser.write("#parameter-growth", "5");
+    browser.press("w", 0);
+    assert_eq!(pressed(&mut browser, "edges"), "false");
+    browser.press("Escape", 0);
+    browser.ask("document.activeElement.blur()");
+    browser.press("?", 0);
+    browser.wait("document.querySelector('#help').open");
+    browser.press("w", 0);
+    assert_eq!(pressed(&mut browser, "edges"), "false");
+    assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
+    served.watch.end();
+}
+
+#[test]
 fn eight_tabs_follow_a_save() {
     let Some((project, mut served, mut browser)) = doll() else { return };
     let tabs = Vec::from_iter((0..8).map(|_| browser.add_tab()));

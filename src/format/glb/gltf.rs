@@ -61,6 +61,7 @@ pub(crate) struct MeshGltf;
 impl FileReader for MeshGltf {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["gltf"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
         Ok(read_gltf(file)?)

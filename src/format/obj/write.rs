@@ -13,7 +13,7 @@ use maquette_value::{Attribute, Column, Mesh, MeshError, Rgb};
 
 use super::material::Layout;
 use crate::corners::split;
-use crate::left_out::Holds;
+use crate::left_out;
 use crate::upright::upright;
 use crate::{check_mesh, coarse_mesh, picture_file, png};
 
@@ -23,6 +23,7 @@ pub(crate) struct MeshObj;
 impl FileFormat for MeshObj {
     type Value = Mesh;
     const ENDING: &'static str = "obj";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
@@ -56,17 +57,12 @@ impl FileFormat for MeshObj {
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh).into_iter().chain(HOLDS.left_out(mesh)).collect()
+        coarse_mesh(mesh)
+            .into_iter()
+            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .collect()
     }
 }
-
-/// What its files hold of a mesh.
-const HOLDS: Holds = Holds {
-    vertex: Some(&["normal", "uv", "color"]),
-    corner: &["normal", "uv"],
-    face: false,
-    picture: true,
-};
 
 /// The name of the files beside an OBJ file, without their extensions. OBJ and MTL separate names by blanks and begin comments with `#`,
 /// and viewers in browsers take the names for parts of addresses.
@@ -231,6 +227,7 @@ fn laid(mesh: Mesh, layout: Layout) -> Result<Mesh, MeshError> {
 impl FileReader for MeshObj {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["obj"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
         let (mesh, notes) = super::read_noted(file.bytes(), file.color_range())?;

@@ -55,6 +55,7 @@ pub(crate) struct PointsPly;
 impl FileFormat for PointsPly {
     type Value = Points;
     const ENDING: &'static str = "ply";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
 
     fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, Error> {
         let mut mesh = Mesh::new(points.positions().clone(), no_faces())?;
@@ -119,6 +120,7 @@ impl FileFormat for CurvePly {
 impl FileReader for PointsPly {
     type Value = Points;
     const ENDINGS: &'static [&'static str] = &["ply"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
 
     fn read(file: &Reading<'_>) -> Result<Points, Error> {
         let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;

@@ -13,7 +13,7 @@ use nalgebra::Point3;
 
 use super::Contents;
 use super::header::{self, CORNER_UV, Kind, TEXCOORD};
-use crate::left_out::Holds;
+use crate::left_out;
 use crate::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
 use crate::upright::{upright_points, upright_sign};
 use crate::{TooFar, check_mesh, coarse_mesh, finite, picture_file};
@@ -24,6 +24,7 @@ pub(crate) struct MeshPly;
 impl FileFormat for MeshPly {
     type Value = Mesh;
     const ENDING: &'static str = "ply";
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::only(name, content(mesh, "", upright_sign(mesh))?.into_bytes()))
@@ -39,7 +40,7 @@ impl FileFormat for MeshPly {
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
         let mut doubts = Vec::from_iter(coarse_mesh(mesh));
-        doubts.extend(HOLDS.left_out(mesh));
+        doubts.extend(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY));
         if corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3) {
             doubts.push(
                 "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
@@ -50,9 +51,6 @@ impl FileFormat for MeshPly {
         doubts
     }
 }
-
-/// What its files hold of a mesh. The colors of a picture become those of vertices, the picture itself is lost.
-const HOLDS: Holds = Holds { vertex: None, corner: &["uv"], face: true, picture: false };
 
 /// Writes a control net as quads, with weights and fixed flags.
 pub(crate) struct ControlNetPly;
@@ -389,6 +387,7 @@ impl Rows for FaceRows<'_> {
 impl FileReader for MeshPly {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["ply"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
         let Contents { mesh, finite, notes, face_notes, pictures } =

@@ -188,7 +188,8 @@ impl<'a> Assembly<'a> {
         }
         let first = self.places.len() as u32;
         // The plate is under z, and meshes have y up.
-        let upright = |place: Point3<f64>| Point3::new(place.x, place.z, -place.y) * model.unit;
+        let upright =
+            |place: Point3<f64>| Point3::new(place.x, place.z, 0.0 - place.y) * model.unit;
         let moved = places.iter().map(|place| upright(motion.transform_point(place)));
         let mut moved = Vec::from_iter(moved);
         let finite = Finite::of(&mut moved);

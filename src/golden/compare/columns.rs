@@ -52,7 +52,9 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
         Class::Place => tolerance.max.is_some() || by_mean,
         Class::Normal => tolerance.normals.is_some() || tolerance.max.is_some() || by_mean,
         Class::Number => tolerance.max.is_some() && part.width == 1 && attributes.is_empty(),
-        Class::Level => tolerance.level > 0.0 || tolerance.differing > 0.0,
+        Class::Level => {
+            tolerance.level > 0.0 || tolerance.differing > 0.0 || tolerance.hard.is_some()
+        }
         Class::Exact => tolerance.differing > 0.0,
     };
     let name = match part.class {
@@ -100,16 +102,19 @@ pub(crate) fn compare_columns(
     rounding: Rounding,
 ) -> Measure {
     let (stride, places) = (old.stride, old.numbers.len() / old.width);
-    let of = |place: usize| {
-        let (a, b) = (old.element(place), new.element(place * stride));
-        let half = rounding.half * (1.0 + 1e-9);
-        if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
-            return 0.0;
-        }
-        difference(old.class, a, b)
+    let beyond = |relative: f64| {
+        let difference_at = |place: usize| {
+            let (a, b) = (old.element(place), new.element(place * stride));
+            let half = rounding.half * (1.0 + 1e-9);
+            if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
+                return 0.0;
+            }
+            difference(old.class, a, b, relative)
+        };
+        (0..places).into_par_iter().with_min_len(4096).map(difference_at).collect()
     };
-    let differences: Vec<f64> = (0..places).into_par_iter().with_min_len(4096).map(of).collect();
-    let mut measure = measure(&old.name, &differences, old.class, allowed(new, tolerance));
+    let (mut measure, differences) =
+        measure_beyond(&old.name, beyond, old.class, allowed(new, tolerance), tolerance);
     measure.error = rounding.error;
     measure.seen = places as f64 / new.count.max(1) as f64;
     if let Some(worst) = worst(&differences) {
@@ -121,6 +126,23 @@ pub(crate) fn compare_columns(
     }
     judge(&mut measure, old.class, tolerance);
     measure
+}
+
+/// Statistics of the differences that `beyond` gives for a relative bound, and those for the bound 0.
+pub(super) fn measure_beyond(
+    name: &str,
+    beyond: impl Fn(f64) -> Vec<f64>,
+    class: Class,
+    allowed: f64,
+    tolerance: &Tolerance,
+) -> (Measure, Vec<f64>) {
+    let differences = beyond(0.0);
+    let mut all = measure(name, &differences, class, allowed);
+    if tolerance.relative > 0.0 && matches!(class, Class::Level | Class::Number) {
+        let counted = measure(name, &beyond(tolerance.relative), class, allowed);
+        (all.counted, all.differing) = (counted.max, counted.differing);
+    }
+    (all, differences)
 }
 
 /// Statistics of some differences.
@@ -143,6 +165,7 @@ pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f6
     Measure {
         name: name.to_owned(),
         max,
+        counted: max,
         rms: (sum / count).sqrt(),
         p99,
         differing: differing as f64 / count,
@@ -169,7 +192,7 @@ pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) 
     let (name, unit, error) = (&measure.name, measure.unit, measure.error);
     let by_share = measure.by_share;
     let limits = [
-        ("", measure.max, Some(measure.allowed).filter(|_| !by_share)),
+        ("", measure.counted, Some(measure.allowed).filter(|_| !by_share)),
         (" (rms)", measure.rms, tolerance.rms.filter(|_| class == Class::Place)),
         (" (99 %)", measure.p99, tolerance.p99.filter(|_| class == Class::Place)),
     ];
@@ -196,7 +219,15 @@ pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) 
             )
         };
     }
-    if by_share && measure.max > measure.allowed && measure.differing > tolerance.differing {
+    if let Some(hard) = tolerance.hard.filter(|_| class == Class::Level)
+        && (measure.max > hard || measure.max.is_nan())
+    {
+        let (found, allowed) = (six(measure.max), six(hard));
+        measure.broken = format!("`{name}` differs by {found} levels, allowed is {allowed} (hard)");
+    } else if by_share
+        && measure.counted > measure.allowed
+        && measure.differing > tolerance.differing
+    {
         measure.broken = format!(
             "`{name}`: {} % of the entries differ, allowed are {} %",
             six(100.0 * measure.differing),
@@ -229,8 +260,8 @@ pub(super) fn in_words(numbers: &[f64]) -> String {
     }
 }
 
-/// How far two elements are apart. Two numbers that are both unknown do not differ; one that is makes them infinitely different.
-pub(super) fn difference(class: Class, a: &[f64], b: &[f64]) -> f64 {
+/// How far two elements are apart, or 0 if no number of them is farther from the other than `relative` times the mean of both. Two numbers that are both unknown do not differ; one that is makes them infinitely different.
+pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f64 {
     let apart = |(a, b): (&f64, &f64)| match (a.is_nan(), b.is_nan()) {
         (true, true) => 0.0,
         (true, false) | (false, true) => f64::INFINITY,
@@ -239,6 +270,10 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64]) -> f64 {
         _ => (a - b).abs(),
     };
     let pairs = || a.iter().zip(b);
+    let is_near = |(a, b): (&f64, &f64)| (a - b).abs() <= relative * (a.abs() + b.abs()) / 2.0;
+    if relative > 0.0 && pairs().all(is_near) {
+        return 0.0;
+    }
     match class {
         Class::Place | Class::Number => pairs().map(apart).map(|d| d * d).sum::<f64>().sqrt(),
         Class::Level => pairs().map(apart).fold(0.0, f64::max),

@@ -1,4 +1,4 @@
-//! Two meshes: face by face if they have the same faces, else by the distance of their surfaces.
+//! Compares two meshes: face by face if they have the same faces, else by the distances between their surfaces in both directions.
 
 use maquette_engine::six;
 use maquette_value::Topology;
@@ -7,7 +7,7 @@ use maquette_value::{AnyValue, Attributes, Mesh};
 use maquette_value::{NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
-use super::columns::{difference, in_words, judge, measure, worst};
+use super::columns::{difference, in_words, judge, measure, measure_beyond, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order};
 use crate::parts::{Class, GoldenColumn, GoldenParts};
 
@@ -129,7 +129,7 @@ impl Search {
         Self { stride: 1, hits: to.nearest_to_all(all) }
     }
 
-    /// How far the surface is from another one: at its vertices, and if the faces may be others, between them, too.
+    /// Measures how far the surface is from another one: at its vertices and faces, and for other faces at its edges, too.
     fn measure(
         &self,
         name: &str,
@@ -138,28 +138,31 @@ impl Search {
         tolerance: &Tolerance,
         [limit, off]: [f64; 2],
     ) -> Measure {
-        let mut distances: Vec<f64> = self.hits.iter().map(distance).collect();
         let mut nearest = self.hits.clone();
         let mut between = Vec::new();
-        if tolerance.remeshed && self.stride == 1 {
-            between = places_between(from);
-            nearest.extend(to.nearest_to_all(&between));
-            distances = nearest.iter().map(distance).collect();
+        // Where only some vertices were measured, one of them is beyond the limit already.
+        if self.stride == 1 {
+            (between, nearest) = on_faces(from, to, nearest);
+            if tolerance.remeshed {
+                let edges = edge_midpoints(from);
+                nearest.extend(to.nearest_to_all(&edges));
+                between.extend(edges.into_iter().map(|at| Sample { face: None, at }));
+            }
         }
+        let distances: Vec<f64> = nearest.iter().map(distance).collect();
         let mut measure = measure(name, &distances, Class::Place, limit);
         measure.error = off;
         measure.seen = 1.0 / self.stride as f64;
         if let Some(place) = worst(&distances) {
             let vertex = place * self.stride;
+            let (element, at) = match between.get(place.wrapping_sub(self.hits.len())) {
+                Some(Sample { face: Some(face), at }) => (format!("face {face} "), at),
+                Some(Sample { face: None, at }) => (String::new(), at),
+                None => (format!("vertex {vertex} "), &from.positions()[vertex]),
+            };
             let face =
                 nearest[place].map_or(String::new(), |hit| format!(", nearest face {}", hit.face));
-            measure.worst = match from.positions().get(vertex) {
-                Some(at) => format!("vertex {vertex} {}{face}", in_words(at.coords.as_slice())),
-                None => {
-                    let at = between[place - self.hits.len()];
-                    format!("{}{face}", in_words(at.coords.as_slice()))
-                }
-            };
+            measure.worst = format!("{element}{}{face}", in_words(at.coords.as_slice()));
             if self.stride > 1 {
                 measure.worst += &format!(" (of every {}. vertex)", self.stride);
             }
@@ -173,17 +176,52 @@ fn distance(hit: &Option<NearestPlace>) -> f64 {
     hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt())
 }
 
-/// The middles of all edges and faces: with the vertices, as many places as tell surfaces apart whose vertices lie on each other.
-fn places_between(mesh: &Mesh) -> Vec<Point3<f64>> {
+/// A point of a surface between its vertices, on a face or on an edge.
+struct Sample {
+    face: Option<usize>,
+    at: Point3<f64>,
+}
+
+/// Adds a sample of each face to `hits`: a face that the other mesh lacks is seen although all its vertices are there.
+///
+/// The sample is the centroid of three consecutive corners. A polygon may be cut into other triangles in the other mesh, so of its
+/// triples the one nearest to that mesh counts: at two corners at least, every way to cut has this triangle.
+fn on_faces(
+    mesh: &Mesh,
+    to: &TriangleTree,
+    mut hits: Vec<Option<NearestPlace>>,
+) -> (Vec<Sample>, Vec<Option<NearestPlace>>) {
+    let place = |vertex: u32| mesh.positions()[vertex as usize].coords;
+    let triples = |face: &[u32]| if face.len() == 3 { 1 } else { face.len() };
+    let centroids = (0..mesh.faces().len()).into_par_iter().flat_map_iter(|index| {
+        let face = mesh.faces().face(index);
+        (0..triples(face)).map(move |k| {
+            let corners = [0, 1, 2].map(|step| place(face[(k + step) % face.len()]));
+            Point3::from(corners.iter().sum::<Vector3<f64>>() / 3.0)
+        })
+    });
+    let centroids: Vec<Point3<f64>> = centroids.collect();
+    let found = to.nearest_to_all(&centroids);
+    let mut samples = Vec::with_capacity(mesh.faces().len());
+    let mut first = 0;
+    for (index, face) in mesh.faces().iter().enumerate() {
+        let own = first..first + triples(face);
+        first = own.end;
+        let Some(best) = own.min_by(|&a, &b| distance(&found[a]).total_cmp(&distance(&found[b])))
+        else {
+            continue;
+        };
+        samples.push(Sample { face: Some(index), at: centroids[best] });
+        hits.push(found[best]);
+    }
+    (samples, hits)
+}
+
+/// The midpoint of each edge.
+fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
     let place = |vertex: u32| mesh.positions()[vertex as usize];
     let edges = mesh.edges();
-    let middles = edges.vertices.iter().map(|[a, b]| nalgebra::center(&place(*a), &place(*b)));
-    let faces = mesh.faces().iter().map(|face| {
-        let sum: Vector3<f64> = face.iter().map(|&vertex| place(vertex).coords).sum();
-        Point3::from(sum / face.len() as f64)
-    });
-    // The middle of a bent face with four sides or more lies beside its triangles.
-    middles.chain(faces.filter(|_| mesh.faces().sides() == Some(3))).collect()
+    edges.vertices.iter().map(|[a, b]| nalgebra::center(&place(*a), &place(*b))).collect()
 }
 
 /// Compares the attributes of `old` with those of `new` at the nearest place; says, too, which are gone or new.
@@ -266,7 +304,7 @@ fn at_vertices(
     tolerance: &Tolerance,
     off: f64,
 ) -> Measure {
-    let of = |(place, hit): (usize, &Option<NearestPlace>)| {
+    let difference_at = |place: usize, hit: &Option<NearestPlace>, relative: f64| {
         let Some(hit) = hit else { return f64::INFINITY };
         let corners = hit.corners.map(|corner| new.faces().corners()[corner as usize] as usize);
         let most = (0..3).max_by(|&a, &b| hit.shares[a].total_cmp(&hit.shares[b])).unwrap_or(0);
@@ -275,10 +313,13 @@ fn at_vertices(
             Class::Exact | Class::Level => other.element(corners[most]).to_vec(),
             _ => mixed(other, corners, hit.shares),
         };
-        difference(part.class, part.element(place * search.stride), &there)
+        difference(part.class, part.element(place * search.stride), &there, relative)
     };
-    let differences = search.hits.par_iter().enumerate().map(of);
-    judged(part, "vertex", search.stride, differences, tolerance, off)
+    let beyond = |relative: f64| {
+        let hits = search.hits.par_iter().enumerate();
+        hits.map(|(place, hit)| difference_at(place, hit, relative)).collect()
+    };
+    judged(part, "vertex", search.stride, beyond, tolerance, off)
 }
 
 /// Every n-th face and the middle of its first triangle: there, other than at its corners, only one face is near.
@@ -309,16 +350,21 @@ fn at_middles(
     tolerance: &Tolerance,
     off: f64,
 ) -> Measure {
-    let of = |(face, hit): (usize, &Option<NearestPlace>)| {
+    let difference_at = |face: usize, hit: &Option<NearestPlace>, relative: f64| {
         let Some(hit) = hit else { return f64::INFINITY };
         if let Of::Face = of {
-            return difference(part.class, part.element(face), other.element(hit.face as usize));
+            let there = other.element(hit.face as usize);
+            return difference(part.class, part.element(face), there, relative);
         }
         let here = mixed(part, first_triangle(old, face), [1.0 / 3.0; 3]);
         let there = hit.corners.map(|corner| corner as usize);
-        difference(part.class, &here, &mixed(other, there, hit.shares))
+        difference(part.class, &here, &mixed(other, there, hit.shares), relative)
     };
-    judged(part, "face", 1, hits.par_iter().enumerate().map(of), tolerance, off)
+    let beyond = |relative: f64| {
+        let hits = hits.par_iter().enumerate();
+        hits.map(|(face, hit)| difference_at(face, hit, relative)).collect()
+    };
+    judged(part, "face", 1, beyond, tolerance, off)
 }
 
 fn mixed(part: &GoldenColumn, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
@@ -330,12 +376,12 @@ fn judged(
     part: &GoldenColumn,
     what: &str,
     stride: usize,
-    differences: impl Parallel<Item = f64>,
+    beyond: impl Fn(f64) -> Vec<f64>,
     tolerance: &Tolerance,
     off: f64,
 ) -> Measure {
-    let differences: Vec<f64> = differences.collect();
-    let mut measure = measure(&part.name, &differences, part.class, allowed(part, tolerance));
+    let (mut measure, differences) =
+        measure_beyond(&part.name, beyond, part.class, allowed(part, tolerance), tolerance);
     measure.error = off;
     measure.seen = 1.0 / stride as f64;
     if let Some(place) = worst(&differences) {

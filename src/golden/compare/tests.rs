@@ -92,6 +92,59 @@ fn topology_comes_before_distances() {
     assert_eq!(check(&mesh, &holed, &lax).verdict, Verdict::Within);
 }
 
+/// The mesh without some faces, and with its vertices.
+fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
+    let faces = Vec::from_iter(mesh.faces().iter().map(<[u32]>::to_vec));
+    let kept = faces.iter().enumerate().filter(|(index, _)| !is_gone(*index));
+    let (sizes, corners): (Vec<usize>, Vec<Vec<u32>>) =
+        kept.map(|(_, face)| (face.len(), face.clone())).unzip();
+    let faces = Faces::polygons(&sizes, corners.concat()).unwrap();
+    Mesh::new(mesh.positions().to_vec(), faces).unwrap()
+}
+
+/// The same sheet of bent quads, each begun at its corner of this number.
+fn quads(n: u32, first: usize) -> Mesh {
+    let cells = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
+    let corners = cells.flat_map(|a| {
+        let mut corners = [a, a + 1, a + n + 1, a + n];
+        corners.rotate_left(first);
+        corners
+    });
+    let faces = Faces::polygons(&vec![4; ((n - 1) * (n - 1)) as usize], corners.collect());
+    Mesh::new(sheet(n).positions().to_vec(), faces.unwrap()).unwrap()
+}
+
+#[test]
+fn a_face_that_one_mesh_lacks_is_measured_although_all_its_vertices_are_there() {
+    for mesh in [sheet(12).without("uv"), quads(12, 0)] {
+        let holed = without_faces(&mesh, |face| face % 9 == 4);
+        for remeshed in [false, true] {
+            let tolerance = Tolerance { remeshed, ..within(0.05) };
+            for (old, new, seen) in [(&mesh, &holed, 0), (&holed, &mesh, 1)] {
+                let comparison = check(old, new, &tolerance);
+                assert_eq!(comparison.verdict, Verdict::Different);
+                let measures = &comparison.measures[..2];
+                assert!(
+                    measures[seen].max > 0.2 && measures[1 - seen].max < 1e-9,
+                    "{comparison:?}"
+                );
+                // Of other faces, the midpoints of edges are measured, too.
+                let face = if remeshed { "" } else { "face " };
+                assert!(measures[seen].worst.starts_with(face), "{comparison:?}");
+                assert!(!measures[seen].worst.starts_with("vertex "), "{comparison:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_corner_at_which_a_bent_face_begins_is_no_distance() {
+    let old = quads(12, 0);
+    let new = moved(&quads(12, 1), Vector3::new(0.0, 0.0, 1e-7));
+    let measures = check(&old, &new, &within(1e-6)).measures;
+    assert!(measures.len() >= 2 && measures.iter().all(|it| it.max < 2e-7), "{measures:?}");
+}
+
 #[test]
 fn the_same_surface_of_other_faces_is_another_mesh() {
     let mesh = sheet(10);
@@ -200,6 +253,44 @@ fn pixels_may_differ_in_a_share() {
     assert_eq!(verdict(100, &Tolerance { level: 5.0, ..Tolerance::default() }), Verdict::Within);
     let comparison = compare(&picture(0), &picture(1), &Tolerance::default());
     assert!(comparison.reasons[0].contains("worst at column 0, row 0"), "{comparison:?}");
+}
+
+#[test]
+fn one_pixel_that_is_far_off_fails_although_a_share_may_differ() {
+    let picture = |level: u8| {
+        let mut pixels = vec![[100, 100, 100]; 1000];
+        pixels[417][2] = level;
+        AnyValue::new(Image::new(100, 10, pixels).unwrap())
+    };
+    let check = |level, hard, relative| {
+        let tolerance = Tolerance { differing: 0.1, hard, relative, ..Tolerance::default() };
+        compare(&picture(100), &picture(level), &tolerance)
+    };
+    assert_eq!(check(193, None, 0.0).verdict, Verdict::Within);
+    assert_eq!(check(120, Some(20.0), 0.0).verdict, Verdict::Within);
+    for relative in [0.0, 1.0] {
+        let reasons = check(193, Some(20.0), relative).reasons;
+        let expected =
+            "`color` differs by 93 levels, allowed is 20 (hard); worst at column 17, row 4: ";
+        assert!(reasons.len() == 1 && reasons[0].starts_with(expected), "{reasons:?}");
+    }
+}
+
+#[test]
+fn a_difference_counts_from_a_fraction_of_the_mean_on() {
+    let picture = |level: u8| AnyValue::new(Image::new(10, 10, vec![[level; 3]; 100]).unwrap());
+    let check = |old, new, relative| {
+        let tolerance = Tolerance { relative, ..Tolerance::default() };
+        let comparison = compare(&picture(old), &picture(new), &tolerance);
+        (comparison.verdict, comparison.measures[0].differing)
+    };
+    assert_eq!(check(200, 210, 0.05), (Verdict::Within, 0.0));
+    assert_eq!(check(20, 30, 0.05), (Verdict::Different, 1.0));
+    assert_eq!(check(0, 1, 1.0), (Verdict::Different, 1.0));
+    let field = |x: f32| AnyValue::new(maquette_value::Field::new(2, 1, vec![x, -1000.0]).unwrap());
+    let tolerance = |relative| Tolerance { relative, ..Tolerance::default() };
+    let verdict = |relative| compare(&field(1000.0), &field(1010.0), &tolerance(relative)).verdict;
+    assert_eq!([verdict(0.02), verdict(0.005)], [Verdict::Within, Verdict::Different]);
 }
 
 #[test]

@@ -177,7 +177,8 @@ impl Golden {
             }
         }
         let nothing_seen = measures.iter().all(|measure| measure.max == 0.0);
-        let lax = tolerance.differing > 0.0 || tolerance.level > 0.0;
+        let lax =
+            [tolerance.differing, tolerance.level, tolerance.relative].iter().any(|it| *it > 0.0);
         let told = (stride > 1 && nothing_seen && !lax)
             .then(|| "the picture differs where nothing was kept".to_owned());
         (told.into_iter().collect(), measures)
@@ -203,9 +204,11 @@ impl Golden {
         let mut measure = compare_columns(numbers, new, kept.row, tolerance, rounding);
         let most = measure.allowed;
         let reach = old.precision.last.map_or(0.0, |last| last.reach(new.width));
-        let is_sure = measure.max - measure.error > most;
+        let is_sure = measure.counted - measure.error > most;
+        let is_forgiven = tolerance.relative > 0.0 && measure.counted <= most;
         if !measure.by_share
             && !is_sure
+            && !is_forgiven
             && (most == 0.0 && error > 0.0 || has_moved && most < reach)
         {
             let in_unit = |x: f64| in_unit(x, measure.unit);
@@ -308,7 +311,9 @@ const NOTHING_COMPARED: &str = "its hash is another one, but nothing that is com
 /// Whether a test file allows some difference of a column.
 fn is_lax(part: &GoldenColumn, tolerance: &Tolerance) -> bool {
     let by_share = matches!(part.class, Class::Level | Class::Exact);
-    given(part, tolerance).is_some_and(|most| most > 0.0) || (by_share && tolerance.differing > 0.0)
+    given(part, tolerance).is_some_and(|most| most > 0.0)
+        || (by_share && tolerance.differing > 0.0)
+        || (matches!(part.class, Class::Level | Class::Number) && tolerance.relative > 0.0)
 }
 
 impl Column {
@@ -495,7 +500,9 @@ mod tests {
         (faces[500], faces[501]) = ([a, b, c], [a, c, d]);
         let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         let comparison = compare(&AnyValue::new(mesh), &AnyValue::new(other));
-        assert!(comparison.reasons[0].starts_with("2 faces join other vertices"), "{comparison:?}");
+        let told = |what: &str| comparison.reasons.iter().any(|why| why.starts_with(what));
+        assert!(told("2 faces join other vertices"), "{comparison:?}");
+        assert!(told("`surface, old to new` differs by 0.2"), "{comparison:?}");
     }
 
     #[test]

@@ -68,7 +68,10 @@ pub(super) fn summary(
         lines.push(exact(&label, Sketch::of(&part.numbers).to_text()));
         let slack = match part.class {
             Class::Exact => tolerance.differing,
-            Class::Level => tolerance.level.max(255.0 * tolerance.differing),
+            Class::Level => {
+                let fraction = tolerance.differing.max(tolerance.relative);
+                tolerance.level.max(255.0 * fraction)
+            }
             Class::Normal => 0.05,
             _ => allowed(part, tolerance),
         };

@@ -1,6 +1,6 @@
 //! What people and programs are told of a type of nodes: its ports, outputs and parameters, in words.
 
-use maquette_node::Carry;
+use maquette_node::{Carry, Exactness};
 use maquette_syntax::{inside, resolve, ron, variants};
 use serde_json::{Value as Json, json};
 
@@ -18,6 +18,8 @@ pub struct Description<'a> {
     pub promises: Vec<(String, String)>,
     /// What becomes of attributes, where that is said.
     pub carries: &'static [Carry],
+    /// How equal its results are on all machines and for all builds.
+    pub exactness: Exactness,
 }
 
 impl Description<'_> {
@@ -56,6 +58,7 @@ impl Description<'_> {
             "inputs": ports.iter().map(PortDescription::to_json).collect::<Vec<_>>(),
             "outputs": outputs.collect::<Vec<_>>(),
             "parameters": parameters,
+            "exactness": self.exactness.to_json(),
         });
         if !self.carries.is_empty() {
             told["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();

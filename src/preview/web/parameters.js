@@ -191,7 +191,7 @@ export class Parameters {
    * @param {(value: any) => void} commit
    */
   #dropper(row, name, kind, commit) {
-    const what = { color: "a color of a picture", pixel: "a pixel of a picture", place: "a place" }[kind];
+    const what = { color: "a color of a picture or mesh", pixel: "a pixel of a picture or texture", place: "a place" }[kind];
     const button = element("button", { class: "dropper", title: `take ${what}: click on it`, "aria-label": `take ${name} from what is seen` }, "pick");
     button.addEventListener("click", () => {
       this.actions.want(kind, (found) => commit(kind === "place" ? found.map((/** @type {number} */ x) => Number(x.toPrecision(6))) : found));

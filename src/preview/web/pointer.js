@@ -24,6 +24,8 @@ export class Pointer {
     this.next = null;
     this.isOver = false;
     for (const surface of [viewer.canvas, viewer.picture]) this.#listen(surface);
+    // Wherever the focus is: nobody has to click on what is seen first.
+    document.addEventListener("keydown", (event) => this.#key(event));
   }
 
   /**
@@ -94,7 +96,6 @@ export class Pointer {
       viewer.camera.turn(0, 0, nearer);
       viewer.redraw();
     }, { passive: false });
-    surface.addEventListener("keydown", (event) => this.#key(event));
   }
 
   /** @param {PointerEvent} event */
@@ -198,9 +199,11 @@ export class Pointer {
     const question = this.#question(event);
     const answer = question && (await this.viewer.query(question));
     if (this.viewer.wanting !== wanting) return;
-    const pixel = question?.ask === "probe" && question.at;
-    const found = { color: pixel && colorOf(answer?.facts), pixel, place: answer?.at }[wanting.kind];
-    if (!found) return wanting.say({ color: "there is no color here: click on a picture", pixel: "there is no pixel here: click on a picture", place: "there is no place here: click on what lies in space" }[wanting.kind]);
+    // On a mesh, the texture's color and pixel.
+    const pixel = question?.ask === "probe" ? question.at : answer?.pixel;
+    const color = question?.ask === "probe" ? colorOf(answer?.facts) : answer?.color;
+    const found = { color, pixel, place: answer?.at }[wanting.kind];
+    if (!found) return wanting.say({ color: "there is no color here: click on a picture or a colored mesh", pixel: "there is no pixel here: click on a picture or a textured mesh", place: "there is no place here: click on what lies in space" }[wanting.kind]);
     this.viewer.stopWanting();
     wanting.done(found);
   }
@@ -208,10 +211,15 @@ export class Pointer {
   /** @param {KeyboardEvent} event */
   #key(event) {
     const { viewer } = this;
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const target = event.target instanceof Element ? event.target : document.body;
+    const isTaken = event.defaultPrevented || target.matches("input, select, textarea") || document.querySelector("dialog[open]") !== null;
+    if (isTaken || event.ctrlKey || event.metaKey || event.altKey) return;
     /** @type {Record<string, [number, number]>} */
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    // Beside what is seen, arrows scroll.
+    const isBeside = target !== document.body && !viewer.surface.contains(target);
     const arrow = arrows[event.key];
+    if (arrow && isBeside) return;
     if (arrow) {
       const size = 40;
       const area = viewer.surface.getBoundingClientRect();
@@ -264,7 +272,7 @@ function inWords(question, answer) {
   const named = (/** @type {Record<string, any>} */ facts = {}) => Object.entries(facts).map(([name, fact]) => `${name} ${numbers(fact)}`);
   if (question.ask === "probe") return answer.why ?? [`pixel ${question.at.join(", ")}`, ...named(answer.facts)].join("   ");
   if (answer.nothing) return "";
-  const { at, face, vertex } = answer;
-  const parts = [`at ${numbers(at)} mm`, ...(face === undefined ? [] : [`face ${face}`]), `vertex ${vertex}`];
+  const { at, face, vertex, pixel } = answer;
+  const parts = [`at ${numbers(at)} mm`, ...(face === undefined ? [] : [`face ${face}`]), `vertex ${vertex}`, ...(pixel ? [`pixel ${numbers(pixel)}`] : [])];
   return [...parts, ...named(answer.attributes), ...named(answer.corner_attributes), ...named(answer.face_attributes)].join("   ");
 }

@@ -73,3 +73,43 @@ fn what_becomes_of_attributes_is_told_for_each_node_of_the_program() {
     wanted.sort_unstable();
     assert!(several && rows == wanted, "{rows:#?} {wanted:#?}");
 }
+
+#[test]
+fn each_node_says_how_exact_it_is() {
+    let (nodes, _) = told(&["nodes", "--json"]);
+    let nodes: serde_json::Value = serde_json::from_str(&nodes).unwrap();
+    assert!(nodes["nodes"].as_array().unwrap().iter().all(|node| node["exactness"] == "exact"));
+    let exact = "\nExactness\n  exact: the same bytes on every machine and build\n";
+    let (one, _) = told(&["nodes", "Threshold"]);
+    assert!(one.contains(exact), "{one}");
+    assert_eq!(told(&["nodes", "--doc", "Threshold"]).0, one);
+    let (all, is_known) = told(&["nodes", "--doc"]);
+    assert!(is_known && all.contains(&one), "{all}");
+    assert_eq!(all.matches(exact).count(), nodes["nodes"].as_array().unwrap().len());
+}
+
+#[test]
+fn what_files_keep_is_told_for_each_format_of_the_program() {
+    let (text, is_known) = told(&["help", "formats"]);
+    assert!(is_known, "{text}");
+    // For each table its formats, and for each kind of data as many words.
+    let tables = Vec::from_iter(text.split("\n| ").skip(1).filter(|line| line.starts_with(' ')));
+    assert_eq!(tables.len(), 4, "{text}");
+    assert!(tables[0].contains("| ply") && tables[0].contains("| 3mf"), "{text}");
+    assert!(tables[1].contains("| gltf") && tables[3].contains("| e57"), "{text}");
+    let lines = Vec::from_iter(text.lines().filter(|line| line.starts_with("| ")));
+    assert_eq!(lines.len(), 4 * 17, "{text}");
+    for table in lines.chunks(17) {
+        let width = table[0].matches('|').count();
+        for line in &table[1..] {
+            assert_eq!(line.matches('|').count(), width, "{line}");
+            let words = line.split('|').skip(2).map(str::trim).filter(|word| !word.is_empty());
+            assert!(
+                words.into_iter().all(|it| ["kept", "changed", "lost"].contains(&it)),
+                "{line}"
+            );
+        }
+    }
+    assert!(text.contains("- pictures, `ply`: their colors at the vertices\n"), "{text}");
+    assert!(!text.contains("| meshes, ") && !text.contains("| points, "), "{text}");
+}

@@ -238,6 +238,8 @@ fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
     browser.wait(&format!("{refused}.includes('there is no place')"));
     browser.press("Escape", 0);
     browser.wait(&format!("{WANTS} === undefined && {refused} === ''"));
+    // What has neither a texture nor colors has none to pick.
+    look(&mut browser, "raised", "net");
     want(&mut browser, "hue");
     click(&mut browser, [left + width / 2.0, top + height / 2.0]);
     browser.wait(&format!("{refused}.includes('there is no color')"));
@@ -254,5 +256,64 @@ fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
     project.save(&before.replace("12.0", "13.0"));
     served.watch.run_until_ok();
     assert_eq!(file(&project), before.replace("12.0", "13.0"));
+    served.watch.end();
+}
+
+/// A textured square of four quarters, whose texture coordinates are those of corners.
+fn textured_square() -> Project {
+    let project = Project::new(
+        r##"Graph(
+    format: 1,
+    params: {
+        "hue": Color(default: "#000000", doc: "A color."),
+        "spot": Vector(default: (9, 9), doc: "A pixel."),
+        "place": Vector(default: (9, 9, 9), doc: "A place."),
+    },
+    nodes: {
+        "square": ReadMesh(path: "square.obj"),
+        "moved": Transform(mesh: "square", translate: Param("place")),
+    },
+    outputs: { "square.ply": "square" },
+)"##,
+    );
+    let write =
+        |name: &str, bytes: &[u8]| std::fs::write(project.folder().join(name), bytes).unwrap();
+    let square = "mtllib square.mtl\nusemtl paint\nv 0 0 0\nv 40 0 0\nv 40 40 0\nv 0 40 0\n\
+                  vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n";
+    write("square.obj", square.as_bytes());
+    write("square.mtl", b"newmtl paint\nmap_Kd square.png\n");
+    let pixels = vec![[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]];
+    let picture = maquette::value::Image::new(2, 2, pixels).unwrap();
+    write("square.png", &maquette::format::png::encode_rgb(&picture).unwrap());
+    project
+}
+
+#[test]
+fn a_click_on_a_textured_mesh_picks_its_place_its_pixel_and_its_color() {
+    let project = textured_square();
+    let text = file(&project);
+    let Some((project, mut served, mut browser)) = page(project, &text) else { return };
+    look(&mut browser, "square", "mesh");
+    let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+    // The quarter at the lower right, which shows the second pixel of the second row.
+    let side = width.min(height);
+    let at = [left + width / 2.0 + 0.2 * side, top + height / 2.0 + 0.2 * side];
+    for (name, kept) in [("place", "place"), ("spot", "(1, 1)"), ("hue", "\"#ffff00\"")] {
+        want(&mut browser, name);
+        click(&mut browser, at);
+        served.watch.run_until_ok();
+        browser.wait(&format!("{WANTS} === undefined"));
+        let text = file(&project);
+        if name != "place" {
+            assert!(text.contains(&format!("default: {kept}")), "{name}: {text}");
+            continue;
+        }
+        let said = text.split("\"place\": Vector(default: (").nth(1).unwrap();
+        let (said, _) = said.split_once(')').unwrap();
+        let place = Vec::from_iter(said.split(", ").map(|it| it.parse::<f64>().unwrap()));
+        assert!((20.0..40.0).contains(&place[0]) && (0.0..20.0).contains(&place[1]), "{said}");
+        assert!(place[2].abs() < 1e-9, "{said}");
+    }
+    assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
     served.watch.end();
 }

@@ -22,6 +22,11 @@ pub struct RayHit {
 }
 
 impl RayHit {
+    /// The weight of each corner of the triangle in the place.
+    pub fn shares(&self) -> [f64; 3] {
+        self.shares
+    }
+
     /// The place.
     pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
         let vertices = self.corners.map(|corner| mesh.faces().corners()[corner as usize]);

@@ -1,0 +1,76 @@
+//! A part of all test cases, for one of several machines.
+
+use std::str::FromStr;
+
+/// The part `index` of `count`, both from 1. The parts of one list of names are disjoint and together the whole list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: usize,
+    count: usize,
+}
+
+impl Shard {
+    /// Marks the names that are in this part: sorted, they are dealt one by one, so that the parts are equally large.
+    pub(super) fn contains(self, names: &[String]) -> Vec<bool> {
+        let mut sorted = Vec::from_iter(0..names.len());
+        sorted.sort_by_key(|&place| &names[place]);
+        let mut is_in = vec![false; names.len()];
+        for place in sorted.into_iter().skip(self.index - 1).step_by(self.count) {
+            is_in[place] = true;
+        }
+        is_in
+    }
+
+    /// Returns true for one of the parts: it reports what belongs to no case.
+    pub(super) fn is_first(self) -> bool {
+        self.index == 1
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(index, count)| {
+            Some(Self { index: index.parse().ok()?, count: count.parse().ok()? })
+        });
+        parts
+            .filter(|shard| (1..=shard.count).contains(&shard.index))
+            .ok_or_else(|| "expected K/N with K from 1 to N, such as 2/8".into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_disjoint_equally_large_and_together_everything_in_any_order() {
+        let mut names = Vec::from_iter((0..29).map(|k| format!("g{}.ron default", k * 7 % 29)));
+        for count in [1, 2, 8, 40] {
+            let part = |index: usize, names: &[String]| {
+                let is_in = Shard { index, count }.contains(names);
+                let own = names.iter().zip(is_in).filter(|(_, is_in)| *is_in);
+                let mut own = Vec::from_iter(own.map(|(name, _)| name.clone()));
+                own.sort();
+                own
+            };
+            let parts = Vec::from_iter((1..=count).map(|index| part(index, &names)));
+            assert!(parts.iter().all(|part| part.len().abs_diff(29 / count) <= 1), "{parts:?}");
+            names.reverse();
+            assert_eq!(parts, Vec::from_iter((1..=count).map(|index| part(index, &names))));
+            let (mut all, mut sorted) = (parts.concat(), names.clone());
+            all.sort();
+            sorted.sort();
+            assert_eq!(all, sorted);
+        }
+    }
+
+    #[test]
+    fn a_part_that_is_none_is_refused() {
+        for wrong in ["0/8", "9/8", "0/0", "1/0", "2", "/", "a/b", "-1/8", "1/8/2", " 1/8", ""] {
+            assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
+        }
+        assert_eq!("2/8".parse(), Ok(Shard { index: 2, count: 8 }));
+    }
+}
