@@ -11,13 +11,14 @@ use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use std::{io, thread};
 
-use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, Query, Request, State};
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Extension, Router};
+use connections::Lease;
 use maquette_format::png;
 use maquette_render as render;
 use maquette_render::{Ground, Kind, Look, View};
@@ -29,6 +30,8 @@ use super::news::Missed;
 use super::pick::Sight;
 use super::shown::changes;
 use super::{About, Location, Question, Shared, Viewed, Views, Wish};
+
+mod connections;
 
 /// The files of the page: path, type, content.
 const FILES: &[(&str, &str, &str)] = &[
@@ -116,7 +119,8 @@ pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let serve = async move {
         let listener = tokio::net::TcpListener::from_std(listener)?;
-        axum::serve(listener, router(shared)).await
+        connections::serve(listener, router(shared)).await;
+        io::Result::Ok(())
     };
     thread::Builder::new().name("page".into()).spawn(move || runtime.block_on(serve))?;
     Ok(())
@@ -137,7 +141,13 @@ fn router(shared: Arc<Shared>) -> Router {
 }
 
 /// Refuses what was not asked of this machine by its own name, and adds the headers that every answer has.
-async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+async fn guard(
+    State(shared): State<Arc<Shared>>,
+    Extension(lease): Extension<Arc<Lease>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let _answering = lease.answering();
     let host = text_of(request.headers(), &header::HOST);
     let is_own = host.is_some_and(|host| shared.names().iter().any(|name| name == host));
     let mut response = match is_own {
@@ -158,6 +168,7 @@ async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) 
 /// Opens the socket of a page, if it is this server's own and knows the token.
 async fn open(
     State(shared): State<Arc<Shared>>,
+    Extension(lease): Extension<Arc<Lease>>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
@@ -171,12 +182,14 @@ async fn open(
             .into_response();
     }
     let upgrade = upgrade.protocols([PROTOCOL]).max_message_size(LARGEST).max_frame_size(LARGEST);
+    lease.belongs_to_page();
     upgrade.on_upgrade(move |socket| async move {
         static SOCKETS: AtomicU64 = AtomicU64::new(0);
         let number = SOCKETS.fetch_add(1, Ordering::Relaxed);
         let _gone = serve(socket, number, &shared).await;
         shared.look(number, Views::new());
         (shared.wish)(Wish::Drop(number));
+        drop(lease);
     })
 }
 

@@ -20,6 +20,8 @@ use tungstenite::{Message, WebSocket};
 use crate::browser::Socket;
 use crate::project::{Project, Watch};
 
+#[cfg(unix)]
+mod crowd;
 mod drag;
 pub(crate) mod link;
 mod pointing;

@@ -1,0 +1,71 @@
+//! Connections by the thousand, which somebody opens by mistake: the watch and its page go on.
+
+use super::*;
+
+/// More than a process may have open files by default.
+const MANY: usize = 1100;
+
+/// Lets this process, and the watch that it starts, have as many files open as the system has by default; this one more.
+fn limit_files(n_files: u64) {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let limit = getrlimit(Resource::Nofile);
+    let current = limit.maximum.map_or(n_files, |maximum| maximum.min(n_files));
+    setrlimit(Resource::Nofile, rustix::process::Rlimit { current: Some(current), ..limit })
+        .unwrap();
+}
+
+#[test]
+fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
+    let project = Project::doll();
+    limit_files(1024);
+    let mut served = Served::new(&project);
+    limit_files(8192);
+    served.watch.run_until_ok();
+    let mut page = served.page();
+    page.look_at("model", "mesh");
+    page.wait("value");
+    let connect = || TcpStream::connect(&served.host).unwrap();
+    let mut idle = Vec::from_iter((0..MANY).map(|_| connect()));
+    // Some have begun to ask, and do not go on.
+    for stream in &mut idle[MANY - 100..] {
+        // One that had to go already cannot be written to.
+        let _ = write!(stream, "GET / HTTP/1.1\r\nHost: ");
+    }
+    let own = [("Host", &served.host[..])];
+    assert_eq!(served.status("/", &own), 200);
+    assert_eq!(served.status("/page.js", &own), 200);
+    // The page that was open is told of a save, and gets its columns.
+    project.save(&project.doll_text(14.0));
+    let run = served.watch.run_until_ok().number();
+    let value = loop {
+        let value = page.wait("value");
+        if value["run"] == run {
+            break value;
+        }
+    };
+    let column = value["space"]["shapes"][0]["position"].as_str().unwrap();
+    assert_eq!(served.status(&format!("/column/{column}"), &own), 200);
+    drop(served.page());
+    // Who had to go is told why.
+    idle[0].set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut told = String::new();
+    idle[0].read_to_string(&mut told).unwrap();
+    assert!(told.starts_with("HTTP/1.1 503 ") && told.contains("128 connections"), "{told}");
+    // And who says nothing for long goes, too.
+    let mut silent = connect();
+    silent.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut told = String::new();
+    silent.read_to_string(&mut told).unwrap();
+    assert!(told.starts_with("HTTP/1.1 408 "), "{told}");
+    let mut half = connect();
+    half.set_read_timeout(Some(PATIENCE)).unwrap();
+    write!(half, "GET / HTTP/1.1\r\n").unwrap();
+    let mut told = Vec::new();
+    half.read_to_end(&mut told).unwrap();
+    assert!(told.is_empty() || told.starts_with(b"HTTP/1.1 408 "), "{told:?}");
+    // The page's own socket is still there.
+    project.save(&project.doll_text(13.0));
+    served.watch.run_until_ok();
+    page.wait("value");
+    served.watch.end();
+}
