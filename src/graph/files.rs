@@ -403,7 +403,11 @@ mod tests {
             reads.is_spared(&file)
         };
         for (name, expected) in [("large.txt", true), ("a.obj", true), ("b.txt", false)] {
-            assert_eq!((is_spared(name, true), is_spared(name, false)), (expected, false), "{name}");
+            assert_eq!(
+                (is_spared(name, true), is_spared(name, false)),
+                (expected, false),
+                "{name}"
+            );
         }
     }
 

@@ -87,7 +87,8 @@ fn what_fails_by_itself_is_kept_and_says_how_it_is_run_again() {
 #[test]
 fn a_sweep_in_the_middle_of_a_merge_says_so() {
     let project = project(TETRAHEDRON);
-    let side = |value: u32| format!("Sweep(graph: \"doll.ron\", over: Values(\"levels\", [{value}]))");
+    let side =
+        |value: u32| format!("Sweep(graph: \"doll.ron\", over: Values(\"levels\", [{value}]))");
     let (ours, theirs) = (side(1), side(2));
     let text = format!("<<<<<<< ours\n{ours}\n=======\n{theirs}\n>>>>>>> theirs\n");
     for (name, words) in
@@ -96,7 +97,10 @@ fn a_sweep_in_the_middle_of_a_merge_says_so() {
         fs::write(project.folder().join(name), &text).unwrap();
         let output = project.maquette(words);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(told.contains("error[G001]: this file has the conflict marks of a merge"), "{told}");
+        assert!(
+            told.contains("error[G001]: this file has the conflict marks of a merge"),
+            "{told}"
+        );
         assert!(told.contains(&format!("{name}:1:1")), "{told}");
         assert_eq!(output.status.code(), Some(1));
     }
