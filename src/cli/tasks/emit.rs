@@ -4,7 +4,7 @@
 use maquette_syntax::shell;
 use serde_json::json;
 
-use super::JobParameter;
+use super::job_parameters::JobParameter;
 
 /// An engine that runs tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

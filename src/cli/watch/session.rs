@@ -233,16 +233,16 @@ impl<'a> Session<'a> {
     }
 
     fn hear(&mut self, messages: Vec<Message>) {
+        let (mut events, mut others) = (Vec::new(), Vec::new());
+        for message in messages {
+            match message {
+                Message::Files(event) => events.push(event),
+                other => others.push(other),
+            }
+        }
         // Files come first: a run whose files have changed is not the last one.
-        let is_event = |message: &mut Message| matches!(message, Message::Files(_));
-        let mut messages = messages;
-        let events = Vec::from_iter(messages.extract_if(.., is_event));
-        let event = |message| match message {
-            Message::Files(event) => Some(event),
-            _ => None,
-        };
-        self.files_touched(&Vec::from_iter(events.into_iter().filter_map(event)));
-        messages.into_iter().for_each(|message| self.hear_one(message));
+        self.files_touched(&events);
+        others.into_iter().for_each(|message| self.hear_one(message));
     }
 
     fn hear_one(&mut self, message: Message) {
