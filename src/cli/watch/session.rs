@@ -24,25 +24,15 @@ use super::on_done::{Ended, OnDone};
 use super::view::View;
 use super::worker::{Job, News, Purpose, Report, Sight, Worker};
 use super::{Message, Watch, editor, reads_outside};
-use crate::listen::{Batch, Contents, Series, Sources};
+use crate::listen::{Batch, Contents, Event, Series, Sources};
 use crate::terminal::Input;
 use crate::{Exit, stdout_is_closed};
 
-mod changes;
 mod page;
+mod state;
 
-use changes::return_to;
 use page::Change;
-
-/// What is known of the graph's text.
-enum Check {
-    /// It has to be read.
-    Due,
-    /// It can be evaluated; the problems are warnings.
-    Good { graph: Arc<Graph>, problems: Vec<Problem> },
-    /// It has errors, and whether they have been shown.
-    Bad { problems: Vec<Problem>, shown: bool },
-}
+use state::{Check, Running, is_part, return_to};
 
 /// A watch under way.
 pub(super) struct Session<'a> {
@@ -97,26 +87,6 @@ pub(super) struct Session<'a> {
     worker: Worker,
     view: Box<dyn View>,
     sender: Sender<Message>,
-}
-
-struct Running {
-    graph: Arc<Graph>,
-    cancel: CancelToken,
-    purpose: Purpose,
-    /// Whether it lacks nodes of unknown types.
-    is_part: bool,
-}
-
-impl Running {
-    /// A look may be over in the moment in which it is given up.
-    fn is_left(&self) -> bool {
-        self.cancel.is_cancelled() && self.purpose != Purpose::Outputs
-    }
-}
-
-/// Whether there are nodes of unknown types in the graph.
-fn is_part(problems: &[Problem]) -> bool {
-    problems.iter().any(|problem| problem.code == code::UNKNOWN_NODE)
 }
 
 fn is_stop(message: &Message) -> bool {
@@ -280,6 +250,72 @@ impl<'a> Session<'a> {
                     self.command_due.get_or_insert_with(Instant::now);
                 }
             }
+        }
+    }
+
+    /// Finds out which files have another content now, and reacts to it.
+    fn files_touched(&mut self, events: &[Event]) {
+        let (mut files, mut moved) = (BTreeSet::new(), false);
+        for event in events {
+            let mut touched = self.sources.touched(event);
+            match event {
+                Event::Growing(_) => {
+                    touched.drain(..).for_each(|file| self.series.grows(&file, Instant::now()));
+                }
+                Event::Touched(_) => touched.retain(|file| !self.series.is_open(file)),
+                Event::Closed(_) => touched.iter().for_each(|file| self.series.closed(file)),
+                Event::Moved(_) | Event::Lost => {
+                    moved |= !touched.is_empty();
+                    touched.iter().for_each(|file| self.series.closed(file));
+                }
+            }
+            files.extend(touched);
+        }
+        self.files_changed(&files, moved);
+    }
+
+    /// Reads files again, and reacts if they hold something else, or were moved.
+    fn files_changed(&mut self, files: &BTreeSet<PathBuf>, moved: bool) {
+        let mut changed = false;
+        for file in files {
+            changed |= self.reread(file);
+        }
+        if changed || moved {
+            self.rewatch();
+        }
+    }
+
+    /// Reads a file again; whether it holds something else now.
+    fn reread(&mut self, file: &Path) -> bool {
+        let Some(shape) = self.contents.refresh(file) else { return false };
+        let now = Instant::now();
+        self.batch.changed(file, shape, now);
+        self.series.changed(now);
+        if self.command_due.is_some() {
+            self.command_due = self.series.command_due();
+        }
+        self.changed(file, shape.is_whole());
+        true
+    }
+
+    /// A file holds something else.
+    fn changed(&mut self, file: &Path, whole: bool) {
+        let is_graph = self.sources.paths().next() == Some(file);
+        if is_graph && whole {
+            self.check_graph();
+        } else {
+            self.check = Check::Due;
+        }
+        if is_graph && whole {
+            self.end_drag();
+        }
+        let means_the_same = |running: &Running| match &self.check {
+            Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
+            Check::Due | Check::Bad { .. } => false,
+        };
+        // What may be half a file stops nothing yet.
+        if whole && self.running.as_ref().is_some_and(|running| !means_the_same(running)) {
+            self.cancel();
         }
     }
 

@@ -40,7 +40,6 @@ mod program;
 mod record;
 mod seal;
 mod share;
-mod sizes;
 mod usage;
 mod writer;
 
@@ -49,8 +48,7 @@ use entry::Entry;
 use maquette_remote::Remote;
 pub use program::this_is_a_program;
 use seal::{seal, unsealed};
-pub use sizes::{NodeSize, Sizes};
-pub use usage::Usage;
+pub use usage::{NodeSize, Sizes, Usage};
 use writer::{Job, Writer};
 
 /// Results on disk, for one program.
