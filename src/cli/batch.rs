@@ -11,7 +11,7 @@ use maquette_golden::sweep::Sweep;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
-use maquette_syntax::first_word;
+use maquette_syntax::{conflict_line, first_word};
 use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
@@ -172,7 +172,8 @@ impl Batch {
     fn text(&self) -> Result<(PathBuf, String), String> {
         let read = plain::read_text(&self.file);
         let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.shown()))?;
-        let is_sweep = first_word(&text) == "Sweep";
+        // What a merge left in a sweep is told as that.
+        let is_sweep = first_word(&text) == "Sweep" || conflict_line(&text).is_some();
         let has_options = !self.values.is_empty() || self.scans.is_some();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),

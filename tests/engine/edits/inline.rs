@@ -117,11 +117,11 @@ fn parameters_and_expressions_take_the_place_of_parameters() {
 
 #[test]
 fn a_name_beside_a_hyphen_stands_apart() {
-    let params = "    params: { \"a\": Number(default: 1.0), \"a-1\": Number(default: 9.0) },\n";
+    let params = "    params: { \"a\": Number(default: 5.0), \"a-1\": Number(default: 9.0) },\n";
     let lift = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh() },
-    params: { "x": Number(default: 1.0) },
+    params: { "x": Number(default: 2.0) },
     nodes: { "up": Transform(mesh: "mesh", scale: (Expr("x-1"), Expr("2 * x"), Param("x"))) },
     outputs: { "mesh": "up" },
 )
