@@ -66,7 +66,10 @@ impl Check<'_, '_> {
         let is_graph = |it: &Recovered| it.tree.name().is_some_and(|name| name.text == "Graph");
         let found = recovered(&self.sheet.source.text, &mistakes).filter(is_graph);
         let (mistakes, tree) = match found {
-            Some(Recovered { tree, mistakes, doubtful, .. }) => {
+            Some(Recovered { tree, mut mistakes, doubtful }) => {
+                // Of brackets that end the graph too early.
+                mistakes.sort_by_key(|mistake| mistake.message.contains("behind the end"));
+                mistakes.dedup_by(|it, _| it.message.contains("behind the end of the graph"));
                 self.doubtful = Some(doubtful);
                 (mistakes, Some(tree))
             }

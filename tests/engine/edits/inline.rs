@@ -134,13 +134,13 @@ fn a_name_beside_a_hyphen_stands_apart() {
         line.unwrap_or(&text).trim().to_owned()
     };
     let all =
-        ["Param(\"a\")", "Expr(\"a - 1\")", "-3", "Draft(final: 2, draft: 1)", "Param(\"a-1\")"];
+        ["Param(\"a\")", "Expr(\"a - 1\")", "-3", "Draft(final: 4, draft: 3)", "Param(\"a-1\")"];
     let all = Vec::from_iter(all.map(of)).join("\n");
     expect![[r#"
         "up": Transform(mesh: "mesh", scale: (Expr("(a)-1"), Expr("2 * a"), Param("a"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(a - 1)-1"), Expr("2 * (a - 1)"), Expr("a - 1"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(-3)-1"), Expr("2 * (-3)"), -3)),
-        G011 lift.ron:5:52 Expr("x-1") cannot say what `x` is given: Draft(final: 2, draft: 1) (give `x` a number, a Param or an Expr)
+        G011 lift.ron:5:52 Expr("x-1") cannot say what `x` is given: Draft(final: 4, draft: 3) (give `x` a number, a Param or an Expr)
         "up": Transform(mesh: "mesh", scale: (Expr("a-1-1"), Expr("2 * a-1"), Param("a-1"))),"#]].assert_eq(&all);
 }
 

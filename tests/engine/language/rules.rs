@@ -60,12 +60,24 @@ fn shapes_have_no_negative_sizes() {
 
 #[test]
 fn ranges_are_not_empty() {
-    check("Crop(mesh: \"mesh\", within: Box(min: (0, 5, 0), max: (1, 3, 1)))", expect![[r#""#]]);
-    check("Crop(mesh: \"mesh\", within: Depth(from: 5, to: cm(0.2)))", expect![[r#""#]]);
+    check(
+        "Crop(mesh: \"mesh\", within: Box(min: (0, 5, 0), max: (1, 3, 1)))",
+        expect![[r#"
+        3:46-47 G010 `min` of Box is 5, but must be at most `max`, 3 (swap both numbers)
+    "#]],
+    );
+    check(
+        "Crop(mesh: \"mesh\", within: Depth(from: 5, to: cm(0.2)))",
+        expect![[r#"
+        3:45-46 G010 `from` of Depth is 5, but must be at most `to`, 2 (swap both numbers)
+    "#]],
+    );
     check("Crop(mesh: \"mesh\", within: Depth(from: 5))", expect![[r#""#]]);
     check(
         "Threshold(image: \"picture\", select: Box(space: Rgb, low: (9, 0, 0), high: (1, 9, 9)))",
-        expect![[r#""#]],
+        expect![[r#"
+            3:64-65 G010 `low` of Box is 9, but must be at most `high`, 1 (swap both numbers)
+        "#]],
     );
     check(
         "Threshold(image: \"picture\", select: Box(space: Hsv, low: (300, 0, 0), high: (20, 1, 1)))",
@@ -73,7 +85,9 @@ fn ranges_are_not_empty() {
     );
     check(
         "Handles(mesh: \"mesh\", on: Region(within: Box(low: (0, 1, 0), high: (1, 0, 1))))",
-        expect![[r#""#]],
+        expect![[r#"
+            3:60-61 G010 `low` of Box is 1, but must be at most `high`, 0 (swap both numbers)
+        "#]],
     );
 }
 
