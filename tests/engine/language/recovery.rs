@@ -113,7 +113,6 @@ fn a_syntax_error_hides_no_other_error() {
         &[("doc: \"l\"),\n    }", "doc: \"l\"),\n    )")],
         expect![[r#"
             3:13-14 G001 this `{` is not closed before the `)` at 5:5 (put a `}` where it ends)
-            5:6-7 G001 there is something behind the end of the graph (a file holds one `Graph(..)` and nothing behind it)
         "#]],
     );
     check(
