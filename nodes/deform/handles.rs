@@ -71,9 +71,9 @@ pub enum Within {
         radius: f64,
     },
     /// The points in a box, its sides included.
-    #[schemars(extend("ascending" = [["low", "high"]]))]
     Box {
         /// Its lowest corner.
+        #[schemars(extend("most" = "high"))]
         low: [f64; 3],
         /// Its highest corner.
         high: [f64; 3],

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct PointNet {
     /// The points (x, y, z), in the unit of the model: a list of equally long rows. Rows lie along u, the points of a row along v.
-    #[schemars(length(min = 2), inner(length(min = 2)), extend("unit" = "mm"))]
+    #[schemars(extend("unit" = "mm"))]
     pub points: Vec<Vec<[f64; 3]>>,
 }
 

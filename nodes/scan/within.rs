@@ -13,10 +13,9 @@ use super::scan::{Scan, is_there};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Within {
     /// A box with its sides along the axes.
-    #[schemars(extend("ascending" = [["min", "max"]]))]
     Box {
         /// Its lowest corner.
-        #[schemars(extend("unit" = "mm"))]
+        #[schemars(extend("unit" = "mm", "most" = "max"))]
         min: [f64; 3],
         /// Its highest corner.
         #[schemars(extend("unit" = "mm"))]
@@ -41,10 +40,9 @@ pub enum Within {
         normal: [f64; 3],
     },
     /// What is so far away along z: of a capture, from its sensor.
-    #[schemars(extend("ascending" = [["from", "to"]]))]
     Depth {
         /// From so far on; from the beginning, if it is left out.
-        #[schemars(extend("unit" = "mm"))]
+        #[schemars(extend("unit" = "mm", "most" = "to"))]
         #[serde(default)]
         from: Option<f64>,
         /// Up to so far; without end, if it is left out.
@@ -53,11 +51,11 @@ pub enum Within {
         to: Option<f64>,
     },
     /// Where an attribute of points or vertices has such a value; a flag that is set has 1.
-    #[schemars(extend("ascending" = [["from", "to"]]))]
     Attribute {
         /// Its name.
         name: String,
         /// From this value on; from any, if it is left out.
+        #[schemars(extend("most" = "to"))]
         #[serde(default)]
         from: Option<f64>,
         /// Up to this value; up to any, if it is left out.

@@ -12,7 +12,7 @@ use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
-use maquette_syntax::first_word;
+use maquette_syntax::{conflict_line, first_word};
 use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
@@ -181,7 +181,7 @@ impl Batch {
             !has_options && name.ends_with(maquette_golden::sweep::ENDING)
         };
         // What is wrong with a sweep is said as of any other file.
-        let is_sweep = first_word(&text) == "Sweep" || is_named_so();
+        let is_sweep = first_word(&text) == "Sweep" || is_named_so() || conflict_line(&text).is_some();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {

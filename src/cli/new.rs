@@ -95,8 +95,9 @@ impl New {
             print(&format!("  not used: {file}, {what}\n"));
         });
         scans.unread.iter().for_each(|why| eprint(&format!("warning: {why}\n")));
-        if let Some(root) = mark_root(&base) {
-            print(&format!("{}: marks the root of the project\n", root.shown()));
+        if mark_root(&base) {
+            let marker = path.with_file_name(MARKER);
+            print(&format!("{}: marks the root of the project\n", marker.shown()));
         }
         print(&format!("`maquette watch {} --open` shows it\n", shell(&file.to_string())));
         Exit::Done
@@ -131,12 +132,11 @@ impl New {
 }
 
 /// Marks a folder as the root of a project, unless it is in one.
-fn mark_root(folder: &Path) -> Option<PathBuf> {
+fn mark_root(folder: &Path) -> bool {
     const TEXT: &str =
         "# The root of a project: its graphs may read files anywhere under this folder.\n";
     let is_in_project = project_root(folder).join(MARKER).is_file();
-    let path = folder.join(MARKER);
-    (!is_in_project && write_new(&path, TEXT).is_ok()).then_some(path)
+    !is_in_project && write_new(&folder.join(MARKER), TEXT).is_ok()
 }
 
 /// The file's own words of what it is for.

@@ -30,7 +30,7 @@ mod scene;
 pub use gltf::GltfError;
 pub(crate) use gltf::MeshGltf;
 pub use read::{GlbReadError, read};
-use read::{pictures, read_noted};
+use read::{companions, read_noted};
 
 /// Why a mesh cannot be written as GLB.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -374,13 +374,16 @@ impl FileReader for MeshGlb {
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
+        if let Some((document, own)) = read::with_linked_buffers(file.bytes()) {
+            return Ok(gltf::read_document(document, own, file)?);
+        }
         let (mesh, notes) = read_noted(file.bytes(), &|uri| gltf::content(uri, file))?;
         notes.into_iter().for_each(|note| file.doubt(note));
         Ok(mesh)
     }
 
     const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
-        pictures(file.bytes()).iter().for_each(|uri| drop(gltf::content(uri, file)));
+        companions(file.bytes()).iter().for_each(|uri| drop(gltf::content(uri, file)));
     });
 }
 

@@ -183,9 +183,11 @@ impl Table {
                 3.. => self.guess(at).filter(|role| !has(role)),
                 _ => None,
             };
-            // Of four numbers that may be colors the first is an intensity.
+            // Of four numbers that may be colors the first is an intensity, unless the last one is an opacity.
             let is_before = |role: &Role| {
-                (self.columns - at) % 3 == 1 && self.guess(at + 1).as_ref() == Some(role)
+                (self.columns - at) % 3 == 1
+                    && self.guess(at + 1).as_ref() == Some(role)
+                    && !self.is_opacity(at + 3)
             };
             let role = role.filter(|role| !is_before(role)).unwrap_or_else(|| {
                 let is_first = !roles.iter().any(|(role, _)| matches!(role, Role::Number(_)));
@@ -212,6 +214,13 @@ impl Table {
             notes.push(format!("what stands behind the coordinates is read as {names}; a first line of names (`x y z intensity r g b`) says otherwise"));
         }
         roles
+    }
+
+    /// Returns true if all numbers of a column are the largest of a color's range.
+    fn is_opacity(&self, at: usize) -> bool {
+        let mut column = self.column(at);
+        let first = column.next().unwrap_or_default();
+        [1.0, 255.0].contains(&first) && column.all(|number| number == first)
     }
 
     /// Whether three columns are a color or a normal.

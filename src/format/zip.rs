@@ -171,20 +171,103 @@ impl<'b> Archive<'b> {
     }
 }
 
+/// Stands for a number that is elsewhere, since it may need 8 bytes (section 4.3.14: ZIP64).
+const LARGE: usize = 0xffff_ffff;
+
+/// Where the directory of a ZIP64 archive begins, whose short end is at `end`.
+fn large_directory(bytes: &[u8], end: usize) -> Option<usize> {
+    let locator = end.checked_sub(20).filter(|&at| bytes[at..].starts_with(b"PK\x06\x07"))?;
+    number(bytes, number(bytes, locator + 8, 8)?.checked_add(48)?, 8)
+}
+
 impl Entry {
     /// The entry that begins here, and its length.
     fn read(bytes: &[u8]) -> Option<(Self, usize)> {
         let [name, extra, comment] = [28, 30, 32].map(|at| number(bytes, at, 2));
         let name = name?;
+        let behind = bytes.get(46..)?;
+        let mut large = large_numbers(behind.get(name..)?.get(..extra?)?);
+        let mut number_at = |at: usize| match number(bytes, at, 4)? {
+            LARGE => large.next(),
+            found => Some(found),
+        };
+        // The large ones are in this order.
+        let (size, packed, start) = (number_at(24)?, number_at(20)?, number_at(42)?);
         let entry = Self {
-            name: String::from_utf8_lossy(bytes.get(46..)?.get(..name)?).into_owned(),
+            name: String::from_utf8_lossy(behind.get(..name)?).into_owned(),
             method: number(bytes, 10, 2)?,
             is_encrypted: number(bytes, 8, 2)? & 1 == 1,
             checksum: number(bytes, 16, 4)? as u32,
-            packed: number(bytes, 20, 4)?,
-            size: number(bytes, 24, 4)?,
-            start: number(bytes, 42, 4)?,
+            packed,
+            size,
+            start,
         };
         Some((entry, 46 + name + extra? + comment?))
+    }
+}
+
+/// The numbers of 8 bytes in the extra field of ZIP64.
+fn large_numbers(mut extra: &[u8]) -> impl Iterator<Item = usize> {
+    let mut found = &[][..];
+    while let Some((kind, length)) = number(extra, 0, 2).zip(number(extra, 2, 2)) {
+        let (own, rest) = extra[4..].split_at(length.min(extra.len() - 4));
+        if kind == 1 {
+            found = own;
+        }
+        extra = rest;
+    }
+    found.chunks_exact(8).filter_map(|eight| number(eight, 0, 8))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The same archive with numbers of 8 bytes, as MeshLab writes it: the directory and its end.
+    fn large(archive: &[u8]) -> Vec<u8> {
+        let end = archive.len() - 22;
+        let directory = number(archive, end + 16, 4).unwrap();
+        let mut bytes = archive[..directory].to_vec();
+        let start = bytes.len() as u64;
+        let mut at = directory;
+        while at < end {
+            let (entry, length) = Entry::read(&archive[at..]).unwrap();
+            let mut own = archive[at..at + length].to_vec();
+            [20, 24, 42].iter().for_each(|&k| own[k..k + 4].fill(255));
+            own[30..32].copy_from_slice(&28u16.to_le_bytes());
+            own.extend([1, 0, 24, 0]);
+            [entry.size, entry.packed, entry.start].iter().for_each(|&it| own.extend((it as u64).to_le_bytes()));
+            bytes.extend(own);
+            at += length;
+        }
+        let record = bytes.len() as u64;
+        bytes.extend(b"PK\x06\x06");
+        bytes.extend([0; 44]);
+        bytes.extend(start.to_le_bytes());
+        bytes.extend(b"PK\x06\x07\0\0\0\0");
+        bytes.extend(record.to_le_bytes());
+        bytes.extend([1, 0, 0, 0]);
+        bytes.extend(&archive[end..]);
+        let end = bytes.len() - 22;
+        bytes[end + 16..end + 20].fill(255);
+        bytes
+    }
+
+    #[test]
+    fn archives_are_read_back_also_with_large_numbers() {
+        let files: [(&str, &[u8]); 2] = [("a/b.txt", &[7; 900]), ("c", b"hi")];
+        let archive = archive(&files).unwrap();
+        for bytes in [archive.clone(), large(&archive)] {
+            let archive = Archive::open(&bytes).unwrap();
+            assert_eq!(archive.find("/A/B.txt"), Some("a/b.txt"));
+            for (name, content) in files {
+                assert_eq!(archive.read(name, 1000).unwrap(), content);
+            }
+            let most = archive.read("a/b.txt", 100).unwrap_err();
+            assert_eq!(most, NotRead::TooMuch { name: "a/b.txt".into(), bytes: 900, most: 100 });
+        }
+        let mut spoiled = archive;
+        spoiled[40] ^= 1;
+        assert!(Archive::open(&spoiled).unwrap().read("a/b.txt", 1000).is_err());
     }
 }

@@ -66,7 +66,10 @@ impl Check<'_, '_> {
         let is_graph = |it: &Recovered| it.tree.name().is_some_and(|name| name.text == "Graph");
         let found = recovered(&self.sheet.source.text, &mistakes).filter(is_graph);
         let (mistakes, tree) = match found {
-            Some(Recovered { tree, mistakes, doubtful, .. }) => {
+            Some(Recovered { tree, mut mistakes, doubtful }) => {
+                // Of brackets that end the graph too early.
+                mistakes.sort_by_key(|mistake| mistake.message.contains("behind the end"));
+                mistakes.dedup_by(|it, _| it.message.contains("behind the end of the graph"));
                 self.doubtful = Some(doubtful);
                 (mistakes, Some(tree))
             }
@@ -82,9 +85,13 @@ impl Check<'_, '_> {
     pub(super) fn leave_out_doubts(&mut self, doubtful: &[Span]) {
         let source = self.sheet.source.clone();
         let names = names_in_doubt(&source.text, doubtful);
+        // What the graph lacks may have been cut off.
+        let is_cut = |it: &Finding| it.code == code::SYNTAX && it.message.contains("close");
+        let is_cut = self.findings.iter().any(is_cut);
         let is_doubtful = |finding: &Finding| match finding.code {
             code::SYNTAX => false,
             _ if doubtful.iter().any(|part| overlaps(*part, finding.span)) => true,
+            code::MISSING_FIELD if is_cut && finding.message.starts_with("Graph ") => true,
             code::UNKNOWN_LINK | code::UNKNOWN_NODE | code::EXPRESSION | code::MISSING_FIELD => {
                 let quoted = finding.message.split('`').skip(1).step_by(2);
                 let names_of = |part: &str| part.split(['.', '/']).any(|name| names.contains(name));

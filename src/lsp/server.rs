@@ -372,7 +372,7 @@ impl Server {
 /// others write RON, too.
 pub fn is_ours(path: &Path, text: &str) -> bool {
     let fields: &[&str] = match first_word(text) {
-        "Graph" => &["format", "nodes", "outputs"],
+        "Graph" => &["nodes", "outputs"],
         "Patch" => &["of"],
         "Test" | "Sweep" => &["graph"],
         _ => return false,

@@ -47,29 +47,40 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     // Behind an unclosed bracket or string the parser reports nothing.
     let is_hidden = !quotes.is_empty() || !brackets.edits.is_empty();
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
-    let hidden = hidden.into_iter().map(|mistake| Mistake {
-        span: repair.place(mistake.span),
-        help: mistake.help.moved(|_| None),
-        ..mistake
-    });
-    let hidden = Vec::from_iter(hidden);
     let Separators { edits, doubtful } = Separators::of(&repair.text);
+    // What else the parser finds in this text follows from these.
+    let begins = |edit: &Edit| {
+        let rest = &repair.text[edit.0.start..];
+        repair.text.len() - rest.trim_start().len()
+    };
+    let begins = BTreeSet::from_iter(edits.iter().flat_map(|edit| [edit.0.start, begins(edit)]));
+    let moved = |repair: &Repair, mistake: &Mistake| Mistake {
+        span: repair.place(mistake.span),
+        help: mistake.help.clone().moved(|_| None),
+        ..mistake.clone()
+    };
+    let hidden = hidden.iter().filter(|mistake| begins.contains(&mistake.span.start));
+    let mut hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
     repair.doubt(&doubtful);
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
     if tree.is_broken() {
         return None;
     }
+    let certain = repair.doubtful.len();
+    if is_hidden {
+        hidden.extend(left.iter().map(|mistake| moved(&repair, mistake)));
+    }
     repair.doubt(&Vec::from_iter(left.iter().map(|mistake| mistake.span)));
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
-    let doubtful = BTreeSet::from_iter(doubtful);
+    let doubtful = Vec::from_iter(doubtful);
     let is_new = |mistake: &Mistake| {
-        !doubtful.iter().any(|part| overlaps(*part, mistake.span))
+        !doubtful[..certain].iter().any(|part| overlaps(*part, mistake.span))
             && !found.iter().any(|known| overlaps(known.span, mistake.span))
     };
     mistakes.extend(hidden.into_iter().filter(is_new));
-    Some(Recovered { tree, mistakes, doubtful: doubtful.into_iter().collect() })
+    Some(Recovered { tree, mistakes, doubtful })
 }
 
 fn no_quote(string: Span) -> Mistake {

@@ -187,6 +187,8 @@ fn parameters_and_expressions_are_checked() {
             8:17-22 G009 there is no type of parameters `Numbr` (did you mean `Number`?)
             9:17-25 G005 parameter `none` has no default (write `default: ..`)
             14:63-78 G010 field `levels` of Subdivide is 13, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
+            15:59-70 G011 the expression ends where a number or a name should be
+            15:78-85 G011 the graph has no parameter `lvels` (did you mean `levels`?)
             15:94-101 G011 the graph has no parameter `level` (did you mean `levels`?)
             16:63-81 G009 field `levels` of Subdivide wants a number without fraction, not the number 6.5
         "##]],
@@ -300,6 +302,7 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
         "Graph(format: 1, nodes: {\"a\": ReadMesh(path: \"doll.obj\") \"b\": 1}, outputs: {})",
         expect![[r#"
             1:58-61 G001 there is no comma before `"b"` (put one between this and what stands before it)
+            1:63-64 G009 node `b` is the number 1, not a node (write `Type(field: value, ..)`)
         "#]],
     );
     // A strange space elsewhere hides nothing; what only follows from a forgotten comma is not told.

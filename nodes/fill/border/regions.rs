@@ -18,10 +18,9 @@ pub enum HoleRegion {
         radius: f64,
     },
     /// Within a box along the axes, sides included.
-    #[schemars(extend("ascending" = [["low", "high"]]))]
     Box {
         /// Its lowest x, y, z.
-        #[schemars(extend("unit" = "mm"))]
+        #[schemars(extend("unit" = "mm", "most" = "high"))]
         low: [f64; 3],
         /// Its highest x, y, z.
         #[schemars(extend("unit" = "mm"))]

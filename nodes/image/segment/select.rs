@@ -37,11 +37,11 @@ pub enum Select {
         lightness: f64,
     },
     /// Those between two corners of a color space, both included.
-    #[schemars(extend("ascending" = [["low", "high"]], "wraps" = { "space": "Hsv" }))]
     Box {
         /// The space that the corners are given in.
         space: Space,
         /// Lowest value of each channel.
+        #[schemars(extend("most" = "high", "wraps" = { "space": "Hsv" }))]
         low: [f64; 3],
         /// Highest value of each channel; a hue below the lowest one wraps around.
         high: [f64; 3],

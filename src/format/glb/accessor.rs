@@ -19,6 +19,7 @@ pub(super) struct Document {
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     pub(super) images: Vec<Picture>,
+    pub(super) buffers: Vec<Picture>,
     pub(super) extensions_required: Vec<String>,
     pub(super) animations: Vec<Value>,
     extensions_used: Vec<String>,

@@ -76,19 +76,29 @@ impl FileReader for MeshGltf {
 }
 
 fn read_gltf(file: &Reading<'_>) -> Result<Mesh, GltfError> {
-    let mut document: Json = serde_json::from_slice(file.bytes()).map_err(|error| {
+    let document = serde_json::from_slice(file.bytes()).map_err(|error| {
         let (line, column) = (error.line(), error.column());
         GlbReadError::Document { line, column, reason: error.to_string() }
     })?;
+    read_document(document, &[], file)
+}
+
+/// Reads a document whose first buffer is `own` if it names no other.
+pub(super) fn read_document(
+    mut document: Json,
+    own: &[u8],
+    file: &Reading<'_>,
+) -> Result<Mesh, GltfError> {
     let (mut bytes, mut starts) = (Vec::new(), Vec::new());
     // A file may be named any number of times, and is read once.
     let mut known: HashMap<&str, (usize, usize)> = HashMap::new();
     for (index, buffer) in list(&document, "buffers").iter().enumerate() {
         let refused = |why| GltfError::Buffer { index, why };
-        let uri = buffer["uri"].as_str().ok_or(refused("it names no file".to_owned()))?;
-        let (start, found) = match known.get(uri) {
-            Some(known) => *known,
-            None => {
+        let (start, found) = match buffer["uri"].as_str() {
+            None if index == 0 && !own.is_empty() => (appended(&mut bytes, own), own.len()),
+            None => return Err(refused("it names no file".to_owned())),
+            Some(uri) if known.contains_key(uri) => known[uri],
+            Some(uri) => {
                 let content = content(uri, file).map_err(refused)?;
                 *known.entry(uri).or_insert((appended(&mut bytes, &content), content.len()))
             }
@@ -236,5 +246,18 @@ mod tests {
         document["buffers"][0]["uri"] = "data:;base64,?".into();
         assert!(read_with(&document, &[]).unwrap_err().contains("no base64"));
         assert!(read_with(&json!([1]), &[]).is_err());
+    }
+
+    /// As Open3D writes it.
+    #[test]
+    fn a_glb_file_whose_buffer_is_a_text_in_it_is_read() {
+        let glb = crate::glb::encode(&mesh()).unwrap();
+        let (mut document, buffer) = split(&glb);
+        let text = BASE64_STANDARD.encode(&buffer);
+        document["buffers"][0]["uri"] =
+            format!("data:application/octet-stream;base64,{text}").into();
+        let linked = container(&document, Vec::new()).unwrap();
+        let file = Reading::alone("a.glb", &linked);
+        assert_eq!(crate::read::<Mesh>(&file).unwrap(), read(&glb).unwrap());
     }
 }

@@ -1,6 +1,7 @@
 //! Reads GLB: triangles, points, and what vertices carry.
 
 use maquette_value::{Mesh, MeshError};
+use serde_json::Value as Json;
 use thiserror::Error;
 
 use super::accessor::{Buffer, Document};
@@ -102,14 +103,23 @@ pub(super) fn way_out(extension: &str) -> &'static str {
     }
 }
 
-/// The pictures in other files that a GLB file names.
-pub(super) fn pictures(bytes: &[u8]) -> Vec<String> {
+/// The pictures and buffers in other files that a GLB file names.
+pub(super) fn companions(bytes: &[u8]) -> Vec<String> {
     let document = container(bytes).map(|(document, _)| document).unwrap_or_default();
-    document.images.into_iter().filter_map(|image| image.uri).collect()
+    let parts = document.images.into_iter().chain(document.buffers);
+    parts.filter_map(|part| part.uri).collect()
 }
 
-/// The two chunks: the document, and the buffer that may be missing.
-fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
+/// The document of a GLB file that names buffers elsewhere, in other files or as text in itself, and its own buffer.
+pub(super) fn with_linked_buffers(bytes: &[u8]) -> Option<(Json, &[u8])> {
+    let (text, own) = chunks(bytes).ok()?;
+    let document: Json = serde_json::from_slice(text).ok()?;
+    let is_linked = document["buffers"].as_array()?.iter().any(|buffer| buffer["uri"].is_string());
+    is_linked.then_some((document, own))
+}
+
+/// The two chunks: the text of the document, and the buffer that may be missing.
+fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), GlbReadError> {
     let wrong = |byte, what| GlbReadError::Container { byte, what };
     let number = |at: usize| {
         let number = bytes.get(at..).and_then(|rest| rest.first_chunk());
@@ -131,7 +141,15 @@ fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
     let text = chunk(12, b"JSON")?;
     // Some programs pad it with zeros in place of spaces.
     let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
-    let document: Document = serde_json::from_slice(&text[..end]).map_err(|error| {
+    let next = 20 + text.len();
+    let buffer = if next < bytes.len() { chunk(next, b"BIN\0")? } else { &[] };
+    Ok((&text[..end], buffer))
+}
+
+/// The document, and the buffer that may be missing.
+fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
+    let (text, buffer) = chunks(bytes)?;
+    let document: Document = serde_json::from_slice(text).map_err(|error| {
         let (line, column) = (error.line(), error.column());
         GlbReadError::Document { line, column, reason: error.to_string() }
     })?;
@@ -147,8 +165,6 @@ fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
     {
         return Err(GlbReadError::Extension { name: name.clone() });
     }
-    let next = 20 + text.len();
-    let buffer = if next < bytes.len() { chunk(next, b"BIN\0")? } else { &[] };
     Ok((document, buffer))
 }
 

@@ -2,8 +2,8 @@
 //!
 //! - `"direction": true` of a vector: it is not zero.
 //! - `"nonzero": true` of a number, and `"multipleOf"`.
-//! - `"ascending": [["min", "max"]]` of fields: no number of the first is above that of the second. With `"wraps": {"space": "Hsv"}` the
-//!   first numbers of both are free where the field `space` is `Hsv`.
+//! - `"most": "max"` of a field: none of its numbers is above that of the field `max` beside it. With `"wraps": {"space": "Hsv"}` the first
+//!   numbers of both are free where the field `space` is `Hsv`.
 //! - `"least": 1` of a port that takes many: an empty list is refused.
 
 use serde_json::Value as Json;
@@ -41,20 +41,21 @@ impl Walk<'_> {
     pub(super) fn ascending(&mut self, fields: &[Field], schema: &Json, owner: &str) {
         let value =
             |name: &str| fields.iter().find(|field| field.name.text == name).map(|it| &it.value);
-        let wraps = schema.get("wraps").and_then(Json::as_object).into_iter().flatten();
-        let wraps = wraps.into_iter().any(|(name, word)| {
-            value(name).and_then(Tree::name).is_some_and(|name| word.as_str() == Some(&name.text))
-        });
-        for pair in schema.get("ascending").and_then(Json::as_array).into_iter().flatten() {
-            let [Some(low), Some(high)] = [0, 1].map(|place| pair[place].as_str()) else {
-                continue;
-            };
-            let (Some(from), Some(to)) = (value(low), value(high)) else { continue };
+        for Field { name, value: from } in fields {
+            let rules = &schema["properties"][&name.text];
+            let Some(most) = rules.get("most").and_then(Json::as_str) else { continue };
+            let Some(to) = value(most) else { continue };
+            let mut free = rules.get("wraps").and_then(Json::as_object).into_iter().flatten();
+            let wraps = free.any(|(field, word)| {
+                let found = value(field).and_then(Tree::name);
+                found.is_some_and(|found| word.as_str() == Some(&found.text))
+            });
             let (from, to) = (numbers(from), numbers(to));
             let both = from.iter().zip(&to).skip(usize::from(wraps));
             for ((at, from), (_, to)) in both.filter(|((_, from), (_, to))| to < from) {
+                let name = &name.text;
                 let message =
-                    format!("`{low}` of {owner} is {from}, but must be at most `{high}`, {to}");
+                    format!("`{name}` of {owner} is {from}, but must be at most `{most}`, {to}");
                 self.find(code::OUT_OF_RANGE, at, message, "swap both numbers");
             }
         }

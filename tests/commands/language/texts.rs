@@ -82,7 +82,9 @@ fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
         let words = Vec::from_iter(words.iter().map(String::as_str));
         let done = project.maquette(&words);
         let told = told(&done);
-        assert!(matches!(done.status.code(), Some(1 | 2)), "{file} {words:?}: {told}");
+        // A lock that cannot be read is a warning.
+        let is_refused = matches!(done.status.code(), Some(1 | 2));
+        assert!(is_refused || file == "doll.lock.ron", "{file} {words:?}: {told}");
         assert!(told.contains(wanted), "{file} {words:?}: {told}");
         let name = file.rsplit('/').next().unwrap();
         let stem = name.trim_end_matches(".txt");

@@ -117,11 +117,11 @@ fn parameters_and_expressions_take_the_place_of_parameters() {
 
 #[test]
 fn a_name_beside_a_hyphen_stands_apart() {
-    let params = "    params: { \"a\": Number(default: 1.0), \"a-1\": Number(default: 9.0) },\n";
+    let params = "    params: { \"a\": Number(default: 5.0), \"a-1\": Number(default: 9.0) },\n";
     let lift = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh() },
-    params: { "x": Number(default: 1.0) },
+    params: { "x": Number(default: 2.0) },
     nodes: { "up": Transform(mesh: "mesh", scale: (Expr("x-1"), Expr("2 * x"), Param("x"))) },
     outputs: { "mesh": "up" },
 )
@@ -134,13 +134,13 @@ fn a_name_beside_a_hyphen_stands_apart() {
         line.unwrap_or(&text).trim().to_owned()
     };
     let all =
-        ["Param(\"a\")", "Expr(\"a - 1\")", "-3", "Draft(final: 2, draft: 1)", "Param(\"a-1\")"];
+        ["Param(\"a\")", "Expr(\"a - 1\")", "-3", "Draft(final: 4, draft: 3)", "Param(\"a-1\")"];
     let all = Vec::from_iter(all.map(of)).join("\n");
     expect![[r#"
         "up": Transform(mesh: "mesh", scale: (Expr("(a)-1"), Expr("2 * a"), Param("a"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(a - 1)-1"), Expr("2 * (a - 1)"), Expr("a - 1"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(-3)-1"), Expr("2 * (-3)"), -3)),
-        G011 lift.ron:5:52 Expr("x-1") cannot say what `x` is given: Draft(final: 2, draft: 1) (give `x` a number, a Param or an Expr)
+        G011 lift.ron:5:52 Expr("x-1") cannot say what `x` is given: Draft(final: 4, draft: 3) (give `x` a number, a Param or an Expr)
         "up": Transform(mesh: "mesh", scale: (Expr("a-1-1"), Expr("2 * a-1"), Param("a-1"))),"#]].assert_eq(&all);
 }
 

@@ -24,10 +24,11 @@ const WIDE: &str = r#"        "half": Number(default: Expr("width / 2 + 1"), max
 /// How far the mesh is moved, or the problems.
 fn moved(text: &str, options: &Options) -> Result<String, Vec<Problem>> {
     let options = Options { files: Files::Ignored, ..options.clone() };
-    let checked = Graph::load_text(Path::new("graph.ron"), text.to_owned(), &catalog(), &options);
+    let checked =
+        Graph::load_text(Path::new("nowhere/graph.ron"), text.to_owned(), &catalog(), &options);
     let graph = checked.graph.ok_or(checked.problems)?;
     let nodes = graph.nodes().iter();
-    let found = nodes.map(|node| node.parameters()["translate"][0].to_string());
+    let found = nodes.map(|node| node.node.parameters().unwrap()["translate"][0].to_string());
     Ok(Vec::from_iter(found.filter(|it| it != "null")).join(" "))
 }
 
@@ -80,24 +81,39 @@ fn check(params: &str, expected: Expect) {
 fn what_cannot_be_computed_is_told_at_its_place() {
     check(
         "\"a\": Number(default: Expr(\"b + 1\")),\n\"b\": Number(default: Expr(\"c * 2\")),\n\"c\": Number(default: Param(\"a\")),\n",
-        expect![[r#""#]],
+        expect![[r#"
+            4:22-35 G008 cycle: a -> b -> c -> a (give one of them a number: `a` needs `b` at graph.ron:4:22, `b` needs `c` at graph.ron:5:22, `c` needs `a` at graph.ron:6:22)
+        "#]],
     );
-    check("\"a\": Number(default: Expr(\"a + 1\")),\n", expect![[r#""#]]);
+    check(
+        "\"a\": Number(default: Expr(\"a + 1\")),\n",
+        expect![[r#"
+        4:22-35 G008 cycle: a -> a (give one of them a number: `a` needs `a` at graph.ron:4:22)
+    "#]],
+    );
     check(
         "\"a\": Number(default: Expr(\"b + 1\")), \"c\": Number(default: 1),\n",
-        expect![[r#""#]],
+        expect![[r#"
+            4:27-34 G011 the graph has no parameter `b`
+        "#]],
     );
     check(
         "\"a\": Number(default: Expr(\"b + 1\"), unit: \"mm\"), \"b\": Number(default: 1, unit: \"px\"),\n",
-        expect![[r#""#]],
+        expect![[r#"
+            4:22-35 G009 parameter `a` is in mm, but `Expr("b + 1")` is in px (a plain number is in mm; other units of the same kind are converted)
+        "#]],
     );
     check(
         "\"a\": Integer(default: Expr(\"b / 2\")), \"b\": Number(default: 1),\n",
-        expect![[r#""#]],
+        expect![[r#"
+            4:23-36 G009 parameter `a` wants a number without fraction, not the number 0.5
+        "#]],
     );
     check(
         "\"a\": Number(default: Expr(\"max(b / b, 3)\")), \"b\": Number(default: 0),\n",
-        expect![[r#""#]],
+        expect![[r#"
+            4:32-37 G011 `b / b` gives NaN, from 0 and 0 (give another value where it is 0: if(b == 0, 0, a / b))
+        "#]],
     );
 }
 
@@ -121,7 +137,7 @@ fn outer(fields: &str) -> String {
 
 #[test]
 fn each_use_has_its_own_values() {
-    let options = Options::default().with_text("lift.ron", INNER.to_owned());
+    let options = Options::default().with_text("nowhere/lift.ron", INNER.to_owned());
     let check = |fields: &str, expected: &str| {
         assert_eq!(moved(&outer(fields), &options).unwrap(), expected, "{fields}");
     };
@@ -134,10 +150,11 @@ fn each_use_has_its_own_values() {
     // What is as it would be if `width` were left out is no default here.
     let text = outer(", width: 6, half: 5.0");
     let options = Options { files: Files::Ignored, ..options };
-    let short = maquette::edit::minimal(Path::new("graph.ron"), &text, &catalog(), &options);
+    let short =
+        maquette::edit::minimal(Path::new("nowhere/graph.ron"), &text, &catalog(), &options);
     assert!(short.unwrap().contains("half: 5.0"));
     let inlined = maquette::edit::inline(
-        Path::new("graph.ron"),
+        Path::new("nowhere/graph.ron"),
         &outer(", width: 6"),
         "up",
         &catalog(),

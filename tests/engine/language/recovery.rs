@@ -38,20 +38,106 @@ fn check(changes: &[(&str, &str)], expected: Expect) {
 
 #[test]
 fn a_syntax_error_hides_no_other_error() {
-    check(&[], expect![[r#""#]]);
-    check(&[("(0, Param(\"lift\"), 0)),", "(0, Param(\"lift\"), 0),")], expect![[r#""#]]);
-    check(&[("(0, 0, 30)),", "(0, 0, 30),")], expect![[r#""#]]);
-    check(&[("(0, 0, 1)),\n    },", "(0, 0, 1)),")], expect![[r#""#]]);
-    check(&[("Param(\"lift\"), 0)", "Param(\"lift\", 0)")], expect![[r#""#]]);
-    check(&[("\"doll.obj\"),", "\"doll.obj),")], expect![[r#""#]]);
-    check(&[("(0, 0, 30)),", "(0, 0, 30))")], expect![[r#""#]]);
-    check(&[("\"red\", rotate", "\"red\" rotate")], expect![[r#""#]]);
-    check(&[("\"blue\": Transform", "\"blue\" Transform")], expect![[r#""#]]);
-    check(&[("doc: \"l\"),\n    }", "doc: \"l\"),\n    )")], expect![[r#""#]]);
-    check(&[("default: 5.0", "default: 5.0.0")], expect![[r#""#]]);
-    check(&[("    },\n)\n", "")], expect![[r#""#]]);
+    check(
+        &[],
+        expect![[r#"
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("(0, Param(\"lift\"), 0)),", "(0, Param(\"lift\"), 0),")],
+        expect![[r#"
+        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("(0, 0, 30)),", "(0, 0, 30),")],
+        expect![[r#"
+        9:26-27 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("(0, 0, 1)),\n    },", "(0, 0, 1)),")],
+        expect![[r#"
+        6:12-13 G001 this `{` is not closed before the `)` at 15:1 (put a `}` where it ends)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("Param(\"lift\"), 0)", "Param(\"lift\", 0)")],
+        expect![[r#"
+        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("\"doll.obj\"),", "\"doll.obj),")],
+        expect![[r#"
+        7:32-41 G001 this text has no closing quote (put a `"` where it ends)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("(0, 0, 30)),", "(0, 0, 30))")],
+        expect![[r#"
+        10:9-14 G001 there is no comma before `"bad"` (put one between this and what stands before it)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("\"red\", rotate", "\"red\" rotate")],
+        expect![[r#"
+        9:39-45 G001 there is no comma before `rotate` (put one between this and what stands before it)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("\"blue\": Transform", "\"blue\" Transform")],
+        expect![[r#"
+        9:16-25 G001 something is missing before this (put a comma or a colon between them)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("doc: \"l\"),\n    }", "doc: \"l\"),\n    )")],
+        expect![[r#"
+            3:13-14 G001 this `{` is not closed before the `)` at 5:5 (put a `}` where it ends)
+        "#]],
+    );
+    check(
+        &[("default: 5.0", "default: 5.0.0")],
+        expect![[r#"
+        4:36-38 G001 `.0` has no meaning here (is it one too many?)
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+    "#]],
+    );
+    check(
+        &[("    },\n)\n", "")],
+        expect![[r#"
+        10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+        10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+        12:14-15 G001 this `{` is never closed (put a `}` where it ends)
+    "#]],
+    );
     check(
         &[("format: 1,", "format: 1"), ("(0, 0, 30)),", "(0, 0, 30),"), ("rotate:", "rotate =")],
-        expect![[r#""#]],
+        expect![[r#"
+            3:5-11 G001 there is no comma before `params` (put one between this and what stands before it)
+            9:26-27 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+            10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+            10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
+        "#]],
     );
 }
