@@ -52,7 +52,9 @@ fn project() -> Project {
     let long = long_graph();
     let graph = fs::read_to_string(project.graph()).unwrap();
     let other = graph.replace("5.0", "6.0");
-    ["scans", "graphs"].map(|folder| fs::create_dir(project.folder().join(folder)).unwrap());
+    for folder in ["scans", "graphs"] {
+        fs::create_dir(project.folder().join(folder)).unwrap();
+    }
     for (name, text) in [
         ("maquette.toml", ""),
         ("tet.obj", TETRAHEDRON),
