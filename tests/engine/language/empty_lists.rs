@@ -46,8 +46,9 @@ fn what_all_of_nothing_have_is_not_promised() {
 
 #[test]
 fn what_cannot_be_made_of_nothing_says_what_is_missing() {
-    let (_, told) =
-        run(r#"nodes: { "all": Reconstruct(points: []) }, outputs: { "out.ply": "all" }"#);
+    let (_, told) = run(r#"nodes: { "in": ReadMesh(path: "empty.obj"),
+        "each": ForEach(graph: "Transform", over: Parts("in")),
+        "all": Reconstruct(points: "each") }, outputs: { "out.ply": "all" }"#);
     assert_eq!(
         told,
         ["`all` cannot be computed: the list `points` is empty, and nothing has no skin"]
