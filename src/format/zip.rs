@@ -125,8 +125,11 @@ impl<'b> Archive<'b> {
         // A comment of up to 65 535 bytes may stand behind the end of the directory.
         let from = bytes.len().saturating_sub(22 + 0xffff);
         let end = bytes[from..].windows(4).rposition(|four| four == b"PK\x05\x06");
-        let mut at =
-            end.and_then(|end| number(bytes, from + end + 16, 4)).ok_or(NotRead::NoArchive)?;
+        let end = from + end.ok_or(NotRead::NoArchive)?;
+        let mut at = number(bytes, end + 16, 4).ok_or(NotRead::NoArchive)?;
+        if at == LARGE {
+            at = large_directory(bytes, end).ok_or(NotRead::NoArchive)?;
+        }
         let mut entries = Vec::new();
         while bytes.get(at..).is_some_and(|rest| rest.starts_with(b"PK\x01\x02")) {
             let (entry, length) = Entry::read(&bytes[at..]).ok_or(NotRead::NoArchive)?;

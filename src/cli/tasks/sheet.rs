@@ -142,6 +142,7 @@ mod tests {
             key: None,
             files: BTreeMap::new(),
             as_read: Vec::new(),
+            may_pass: false,
         };
         let told = of_record(&record, &[], Path::new("nowhere"));
         let places = told["problems"].as_array().unwrap().iter().map(|it| &it["place"]);
