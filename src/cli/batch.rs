@@ -181,7 +181,8 @@ impl Batch {
             !has_options && name.ends_with(maquette_golden::sweep::ENDING)
         };
         // What is wrong with a sweep is said as of any other file.
-        let is_sweep = first_word(&text) == "Sweep" || is_named_so() || conflict_line(&text).is_some();
+        let is_sweep =
+            first_word(&text) == "Sweep" || is_named_so() || conflict_line(&text).is_some();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {

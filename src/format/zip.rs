@@ -239,7 +239,9 @@ mod tests {
             [20, 24, 42].iter().for_each(|&k| own[k..k + 4].fill(255));
             own[30..32].copy_from_slice(&28u16.to_le_bytes());
             own.extend([1, 0, 24, 0]);
-            [entry.size, entry.packed, entry.start].iter().for_each(|&it| own.extend((it as u64).to_le_bytes()));
+            [entry.size, entry.packed, entry.start]
+                .iter()
+                .for_each(|&it| own.extend((it as u64).to_le_bytes()));
             bytes.extend(own);
             at += length;
         }
