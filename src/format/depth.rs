@@ -8,7 +8,7 @@ use serde_json::json;
 use thiserror::Error;
 
 use super::camera::CameraFile;
-use super::picture_file::Kind;
+use super::picture_kind::Kind;
 use super::range_file::{Axes, RangeFile, Rows};
 use super::tiff::Depths;
 use super::{excerpt, exr, json, png, tiff};

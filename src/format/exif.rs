@@ -13,7 +13,7 @@ use ::image::{DynamicImage, ImageDecoder, ImageResult, RgbImage};
 use maquette_value::Image;
 
 use super::jpeg;
-use super::picture_file::Kind;
+use super::picture_kind::Kind;
 
 /// Returns how the pixels of a picture file must be turned so that the picture stands upright. A file that does not say it, or that is
 /// damaged, is upright.

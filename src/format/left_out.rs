@@ -2,14 +2,16 @@
 
 use maquette_node::DataKind::*;
 use maquette_node::{DataKind, Fidelities};
-use maquette_value::{Attributes, Mesh, Points};
+use maquette_value::{Attribute, Attributes, Mesh, Points};
 
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
 /// loss: whoever reads the file computes them.
 pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     let is_lost = |kind: DataKind| !held.iter().any(|(listed, _)| *listed == kind);
     let lost_of = |attributes: &Attributes, color, uv: Option<DataKind>, other| {
-        let names = attributes.iter().map(|(name, _)| name.to_owned());
+        // Flags are marks of nodes for other nodes.
+        let seen = attributes.iter().filter(|(_, it)| !matches!(it, Attribute::Flag(_)));
+        let names = seen.map(|(name, _)| name.to_owned());
         let is_left_out = |name: &String| match &name[..] {
             "normal" => false,
             "color" => is_lost(color),
@@ -42,6 +44,15 @@ pub(super) fn of_points(points: &Points, held: &[&str]) -> Option<String> {
     told(&Vec::from_iter((!names.is_empty()).then(|| quoted(&names))))
 }
 
+/// A warning about data of a file's points that a range image does not hold, if there is any.
+pub(super) fn of_range<'a>(names: impl Iterator<Item = &'a str>) -> Option<String> {
+    let names = Vec::from_iter(names.map(|name| format!("`{name}`")));
+    (!names.is_empty()).then(|| {
+        let verb = if names.len() == 1 { "is" } else { "are" };
+        format!("{} {verb} left out: a range image has points and colors only", names.join(", "))
+    })
+}
+
 fn quoted(names: &[String]) -> String {
     Vec::from_iter(names.iter().map(|name| format!("`{name}`"))).join(", ")
 }
@@ -57,7 +68,7 @@ fn told(lost: &[String]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::{Attribute, Faces, Image};
+    use maquette_value::{Faces, Image};
     use nalgebra::Point3;
 
     use super::*;

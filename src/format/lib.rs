@@ -45,6 +45,7 @@ mod left_out;
 mod lists;
 #[cfg(test)]
 mod others;
+mod picture_kind;
 mod rows;
 mod step;
 mod surface;

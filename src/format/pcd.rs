@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use super::colors::{self, ColorRange};
 use super::finite::{self, Finite};
-use super::range_file::{self, RangeFile};
+use super::left_out;
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, real, words};
 
@@ -140,11 +140,11 @@ pub enum PcdError {
 /// # Errors
 /// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
 pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
-    Ok(read_range(bytes)?.range)
+    Ok(read_range(bytes)?.0)
 }
 
 /// The range image of an organized PCD file, with warnings about fields that are left out.
-pub(super) fn read_range(bytes: &[u8]) -> Result<RangeFile, PcdError> {
+pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), PcdError> {
     let header = header::read(bytes)?;
     if header.height == 1 {
         let (line, width) = (header.height_line, header.width);
@@ -160,8 +160,8 @@ pub(super) fn read_range(bytes: &[u8]) -> Result<RangeFile, PcdError> {
     let normal = header.normal.map(|_| "normal").into_iter();
     let channels = header.channels.filter(|_| header.color.is_none()).map(|_| "r g b").into_iter();
     let others = header.others.iter().map(|(name, _)| &name[..]);
-    let notes = range_file::left_out(normal.chain(channels).chain(others));
-    Ok(RangeFile { notes: notes.into_iter().collect(), ..range.into() })
+    let notes = left_out::of_range(normal.chain(channels).chain(others));
+    Ok((range, notes.into_iter().collect()))
 }
 
 /// The points of a PCD file, organized or not, with their colors (`rgb`, or `r g b`) and normals (`normal_x normal_y normal_z`, or `nx ny nz`); all other

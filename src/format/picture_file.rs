@@ -12,6 +12,7 @@ use maquette_value::{Image, Mask, Mesh, Rgb};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
+pub use super::picture_kind::Kind;
 use super::{camera, excerpt, exif, jpeg, png, tiff};
 
 /// Why bytes are not a picture.
@@ -37,48 +38,6 @@ pub enum PictureError {
         /// How it begins.
         text: String,
     },
-}
-
-/// A kind of picture files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// PNG.
-    Png,
-    /// JPEG.
-    Jpeg,
-    /// TIFF.
-    Tiff,
-    /// WebP.
-    WebP,
-    /// BMP.
-    Bmp,
-    /// OpenEXR.
-    Exr,
-    /// Radiance HDR.
-    Hdr,
-}
-
-impl Kind {
-    /// What a file is by its first bytes.
-    pub fn of(bytes: &[u8]) -> Option<Self> {
-        const STARTS: [(&[u8], Kind); 10] = [
-            (b"\x89PNG\r\n\x1a\n", Kind::Png),
-            (b"\xff\xd8\xff", Kind::Jpeg),
-            (b"II*\0", Kind::Tiff),
-            (b"MM\0*", Kind::Tiff),
-            // TIFF with 64-bit offsets.
-            (b"II+\0", Kind::Tiff),
-            (b"MM\0+", Kind::Tiff),
-            (b"RIFF", Kind::WebP),
-            (b"BM", Kind::Bmp),
-            (b"v/1\x01", Kind::Exr),
-            (b"#?RADIANCE", Kind::Hdr),
-        ];
-        let mut starts = STARTS.iter().filter(|(start, _)| bytes.starts_with(start));
-        // Sounds and films are RIFF files, too.
-        let is_it = |kind: &Self| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP");
-        starts.next().map(|&(_, kind)| kind).filter(is_it)
-    }
 }
 
 /// The mesh with the picture that its file names, if the picture is there and the mesh has texture coordinates; else the user is told.

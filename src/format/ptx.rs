@@ -12,7 +12,8 @@ use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use super::range_file::{self, RangeFile};
+use super::left_out;
+use super::range_file::RangeFile;
 use super::{camera, check_single, excerpt, finite, parse, real, words};
 
 /// Why bytes are not a range grid in a PTX file.
@@ -237,7 +238,7 @@ impl Scan {
         let (columns, rows) = (self.header.columns, self.header.rows);
         // Programs without intensities write one number everywhere.
         let is_constant = self.intensities.windows(2).all(|pair| pair[0] == pair[1]);
-        let notes = range_file::left_out((!is_constant).then_some("intensity").into_iter());
+        let notes = left_out::of_range((!is_constant).then_some("intensity").into_iter());
         let range =
             RangeImage::new(columns, rows, self.points).expect("a point was read for each cell");
         let range = match self.colors.is_empty() {

@@ -54,7 +54,10 @@ type Reader = fn(&[u8], Option<&CameraFile>) -> Result<RangeFile, error::Error>;
 
 /// What reads the files of each ending.
 const READERS: &[(&str, Reader)] = &[
-    ("pcd", |bytes, _| Ok(pcd::read_range(bytes)?)),
+    ("pcd", |bytes, _| {
+        let (range, notes) = pcd::read_range(bytes)?;
+        Ok(RangeFile { notes, ..range.into() })
+    }),
     ("ply", |bytes, _| Ok(ply::read_range(bytes)?)),
     ("ptx", |bytes, _| Ok(ptx::read(bytes)?)),
     ("abs", |bytes, _| Ok(abs::read(bytes)?)),
@@ -81,15 +84,6 @@ pub fn read(
     let reader = READERS.iter().find(|reader| reader.0 == ending);
     let (_, read) = reader.ok_or_else(|| UnknownEnding { ending: ending.to_owned() })?;
     read(bytes, camera)
-}
-
-/// A warning about data of a file's points that a range image does not hold, if there is any.
-pub(super) fn left_out<'a>(names: impl Iterator<Item = &'a str>) -> Option<String> {
-    let names = Vec::from_iter(names.map(|name| format!("`{name}`")));
-    (!names.is_empty()).then(|| {
-        let verb = if names.len() == 1 { "is" } else { "are" };
-        format!("{} {verb} left out: a range image has points and colors only", names.join(", "))
-    })
 }
 
 impl From<RangeImage> for RangeFile {

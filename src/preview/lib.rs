@@ -12,6 +12,7 @@ pub mod probe;
 
 mod kept;
 mod location;
+mod locks;
 mod news;
 mod page;
 mod pick;
@@ -20,6 +21,7 @@ mod shown;
 
 pub use kept::Redirect;
 pub use location::Location;
-pub use page::{About, Feed, KEPT, MOST_KEPT, Question, Shared, Values, bind, unpoisoned};
+pub use locks::unpoisoned;
+pub use page::{About, Feed, KEPT, MOST_KEPT, Question, Shared, Values, bind};
 pub use page::{Page, Viewed, Views, Wish};
 pub use shown::Shown;

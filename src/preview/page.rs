@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use maquette_diagram::Drawing;
 use maquette_graph::Graph;
@@ -18,6 +18,7 @@ use super::pick::Sight;
 use super::shown::Content;
 use crate::kept::Redirect;
 use crate::location::Location;
+use crate::locks::unpoisoned;
 use crate::shown::Shown;
 use crate::{probe, server};
 
@@ -253,11 +254,6 @@ pub fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
         let _ = keeper.save(&Kept { port, token: token.clone() });
     }
     Ok((listener, token))
-}
-
-/// What a thread that panicked has left is whole: every change of it is one step.
-pub fn unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Shared {

@@ -25,9 +25,13 @@ pub struct Recovered {
 /// A text in the place of a part of another one.
 type Edit = (Span, &'static str);
 
-/// Reads what can be read of a text in which the parser finds these mistakes. `None` if nothing is left of it.
+/// A text with more syntax errors is not read: it is no graph that somebody edits, and each error costs a look at the whole text.
+const MAX_MISTAKES: usize = 1000;
+
+/// Reads what can be read of a text in which the parser finds these mistakes. `None` if nothing is left of it, or there are more than
+/// [`MAX_MISTAKES`].
 pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
-    if conflict_marks(text).is_some() {
+    if conflict_marks(text).is_some() || MAX_MISTAKES < found.len() {
         return None;
     }
     let places = (0..=text.len()).collect();
@@ -64,7 +68,12 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     repair.doubt(&doubtful);
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
-    if tree.is_broken() {
+    // A bracket that was guessed in a wrong place leaves pieces that make no sense.
+    let is_misplaced = |mistake: &Mistake| mistake.message.ends_with("has no meaning here");
+    if tree.is_broken() || MAX_MISTAKES < left.len() {
+        return None;
+    }
+    if !brackets.edits.is_empty() && left.iter().any(is_misplaced) {
         return None;
     }
     let certain = repair.doubtful.len();

@@ -80,6 +80,6 @@ fn a_row_that_cannot_be_computed_is_told_and_the_others_are_drawn() {
     let made = maquette(folder.path(), &["sheet", "g.ron", "--size", "30x20", "--no-cache"]);
     assert_eq!(made.status.code(), Some(1));
     let told = String::from_utf8_lossy(&made.stderr).into_owned();
-    assert!(told.contains("the scale along x is 0"), "{told}");
+    assert!(told.contains("field `scale` of Transform is 0, but must be another number"), "{told}");
     assert!(folder.path().join("g.png").is_file());
 }

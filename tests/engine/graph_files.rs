@@ -338,10 +338,10 @@ fn files_that_no_reader_takes_are_refused_before_anything_runs() {
 }, outputs: {})"#;
     std::fs::write(&path, text).unwrap();
     expect![[r#"
-        2:21-31 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf)
-        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb, gltf)
+        2:21-31 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf, 3mf)
+        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb, gltf, 3mf)
         5:40-50 G009 ReadCapture reads no `.xyz` files (it reads: pcd, ply, ptx, abs, png, tiff, tif, exr)
-        6:21-29 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf)
+        6:21-29 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf, 3mf)
     "#]]
     .assert_eq(&problems(&path));
 }

@@ -71,5 +71,5 @@ MUTATIONS = [
     ("src/format/png.rs", "65535.0 / (greatest - least)", "65536.0 / (greatest - least)", "off by one"),
     ("src/format/glb/scene.rs", "[s, 1.0 - t]", "[s, t]", "sign"),
     ("src/format/step.rs", "[(low_v, \".T.\"), (high_u, \".T.\"), (high_v, \".F.\"), (low_u, \".F.\")]", "[(low_v, \".T.\"), (high_u, \".T.\"), (high_v, \".T.\"), (low_u, \".F.\")]", "sign"),
-    ("src/format/stl.rs", "[face[0], pair[0], pair[1]].map(place)", "[face[0], pair[1], pair[0]].map(place)", "swapped"),
+    ("src/format/stl.rs", "let [a, b, c] = triangle.map(place)", "let [a, c, b] = triangle.map(place)", "swapped"),
 ]

@@ -7,7 +7,8 @@ use nalgebra::Point3;
 use super::body::Body;
 use super::header::{self, Element, Header};
 use super::{PlyError, Property, Table, skip};
-use crate::range_file::{self, Axes, RangeFile, Rows};
+use crate::left_out;
+use crate::range_file::{Axes, RangeFile, Rows};
 
 /// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
 ///
@@ -120,7 +121,7 @@ fn gather(
     let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
     let colors = vertices.take_colors(notes);
     let others = vertices.columns.iter().map(|column| &column.property.name[..]);
-    notes.extend(range_file::left_out(others));
+    notes.extend(left_out::of_range(others));
     let Some(colors) = colors else { return Ok(range) };
     let color = |&vertex: &u32| colors.get(vertex as usize).copied().unwrap_or_default();
     let colors = cells.iter().map(color).collect();

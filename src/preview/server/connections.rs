@@ -16,7 +16,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::{sleep, timeout};
 
-use crate::page::unpoisoned;
+use crate::locks::unpoisoned;
 
 /// The maximum number of connections. A browser has six for all pages of a server, and one more for each page; the system gives a
 /// process 1024 open files.
