@@ -194,8 +194,8 @@ fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
     }
     // It is believed unless somebody asks.
     assert_eq!(run(&project, &["run", "doll.ron"]).0, Some(0));
-    let (code, _, told) = verified(&project);
-    assert_eq!(code, Some(1), "{told}");
+    let (code, out, told) = verified(&project);
+    assert_eq!(code, Some(1), "{out}{told}");
     assert!(
         told.contains("error[G019]: `lifted` gave another result than the one in the cache"),
         "{told}"

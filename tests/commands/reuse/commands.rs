@@ -80,6 +80,9 @@ fn the_reference_of_a_graph_is_that_of_the_graphs_that_it_uses() {
 
         Outputs
           mesh: Mesh
+
+        Exactness
+          exact: the same bytes on every machine and build
     "#]]
     .assert_eq(&moved);
     assert_eq!(stdout(&folder, &["nodes", "graph.ron", "Moved"]), moved);
