@@ -319,7 +319,10 @@ fn who_looks_at_one_node_forgets_no_element() {
     };
     then(Some(Wanted::Outputs));
     let known = then(None);
-    assert!(known[0].contains("does not run") && known[1].contains("too little work"), "{known:?}");
+    assert!(known[0].contains("does not run"), "{known:?}");
+    // A busy machine may have taken so long for it that it was kept on disk.
+    let is_known = |why: &str| why.contains("does not run") || why.contains("too little work");
+    assert!(is_known(&known[1]), "{known:?}");
     then(Some(Wanted::Nodes(vec!["one".into()])));
     assert_eq!(then(None), known);
 }
