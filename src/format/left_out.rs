@@ -34,14 +34,14 @@ pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     if mesh.texture().is_some() && is_lost(Pictures) {
         lost.push("the picture".to_owned());
     }
-    told(&lost)
+    warning(&lost)
 }
 
 /// A warning that names attributes of points that are left out of a file, if any is.
 pub(super) fn of_points(points: &Points, held: &[&str]) -> Option<String> {
     let names = points.attributes().iter().map(|(name, _)| name.to_owned());
     let names = Vec::from_iter(names.filter(|name| !held.contains(&&name[..])));
-    told(&Vec::from_iter((!names.is_empty()).then(|| quoted(&names))))
+    warning(&Vec::from_iter((!names.is_empty()).then(|| quoted(&names))))
 }
 
 /// A warning about data of a file's points that a range image does not hold, if there is any.
@@ -57,7 +57,8 @@ fn quoted(names: &[String]) -> String {
     Vec::from_iter(names.iter().map(|name| format!("`{name}`"))).join(", ")
 }
 
-fn told(lost: &[String]) -> Option<String> {
+/// The warning about what is lost, if anything is.
+fn warning(lost: &[String]) -> Option<String> {
     let last = lost.last()?;
     let all = match &lost[..lost.len() - 1] {
         [] => last.clone(),

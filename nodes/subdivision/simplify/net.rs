@@ -87,7 +87,9 @@ pub(super) struct Net {
 impl Net {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let places = mesh.positions().to_vec();
-        let (triangles, corners) = (mesh.triangles().into_owned(), mesh.triangle_corners());
+        let corners = mesh.triangle_corners();
+        let vertex = |corner: u32| mesh.faces().corners()[corner as usize];
+        let triangles = Vec::from_iter(corners.iter().map(|it| it.map(vertex)));
         let parents = (0..).zip(mesh.faces().iter());
         let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
         let parents = Vec::from_iter(parents);
