@@ -5,7 +5,7 @@ use maquette_base::topology::lists::Lists;
 use maquette_node::{
     Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise,
 };
-use maquette_value::{Attribute, Image, Mesh, MeshError};
+use maquette_value::{Attribute, Image, Material, Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +27,7 @@ pub struct TextureToColors {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Sampling {
     /// So that what is mixed between vertices is as near as possible to the picture everywhere: no speck of the picture decides alone.
+    /// Of several pictures, colors are taken as by `Point`.
     #[default]
     Area,
     /// That of the picture where the vertex lies, mixed of the four texels around; at a seam the mean of all its places.
@@ -107,8 +108,8 @@ pub fn texture_to_colors(
     let picture = picture.ok_or(TextureToColorsError::NoPicture)?;
     let vertices = mesh.positions().len();
     let uv = corner_uv(mesh).ok_or(TextureToColorsError::NoCoordinates { vertices })?;
-    let mut colors = at_vertices(mesh, picture, &uv);
-    if by == Sampling::Area {
+    let mut colors = at_vertices(mesh, &uv);
+    if by == Sampling::Area && mesh.face_materials().is_none() {
         let size = [picture.width(), picture.height()];
         PIXELS.check("the picture", size[0] as f64 * size[1] as f64)?;
         let laid = mesh.clone().without("uv").with_corner("uv", Attribute::Pair(uv.into()))?;
@@ -120,12 +121,20 @@ pub fn texture_to_colors(
     Ok(mesh.clone().with_texture(None).without("color").with_vertex("color", colors)?)
 }
 
-/// The mean of the picture's colors at all corners of each vertex; black for a vertex of no face.
-fn at_vertices(mesh: &Mesh, picture: &Image, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
+/// The mean of the pictures' colors at all corners of each vertex; black for a vertex of no face.
+fn at_vertices(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     let mut sums = vec![([0.0; 3], 0.0_f64); mesh.positions().len()];
-    for (&vertex, &uv) in mesh.faces().corners().iter().zip(uv) {
-        let (sum, count) = &mut sums[vertex as usize];
-        let color = picture.sample(uv);
+    let own = mesh.vertex().colors("color");
+    let corners = mesh.faces().iter().enumerate();
+    let corners =
+        corners.flat_map(|(face, corners)| corners.iter().map(move |&it| (face, it as usize)));
+    for ((face, vertex), &uv) in corners.zip(uv) {
+        let (sum, count) = &mut sums[vertex];
+        let color = match (mesh.material_of(face), own) {
+            (Some(material), _) if material.shown().is_some() => material.sample(uv),
+            (_, Some(own)) => own[vertex].map(f64::from),
+            (material, None) => material.map_or([255; 3], Material::color).map(f64::from),
+        };
         (0..3).for_each(|k| sum[k] += color[k]);
         *count += 1.0;
     }

@@ -317,7 +317,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         rayon::join(|| Mesh::new(filling.points.clone(), faces), || Mixed::new(filling, copies));
     let onto = onto?
         .with_creases(mesh.creases())?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();
     let mut onto = carry.onto(mesh, onto)?;

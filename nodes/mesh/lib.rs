@@ -10,7 +10,6 @@ mod motion;
 mod movable;
 mod moved_mesh;
 mod orient;
-mod painted_colors;
 mod poses;
 mod primitive;
 mod read_curve;

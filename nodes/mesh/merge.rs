@@ -14,8 +14,9 @@ use super::followed::{Part, followed};
 use super::merge_error::MergeError;
 use super::motion::Motion;
 use super::moved_mesh::moved_mesh;
-use super::painted_colors::painted_colors;
 use super::poses::Poses;
+
+mod several;
 
 /// Makes one mesh of several: their vertices and faces stand one after the other, and nothing is joined.
 ///
@@ -23,7 +24,7 @@ use super::poses::Poses;
 /// the world, with y up. Attributes that all meshes have are kept; a flag, such as `filled`, that some do not have counts as not
 /// set there, and other attributes that some do not have, or have as another type, are left out. A picture is kept if it is
 /// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out; these colors are
-/// kept if all meshes have a picture or colors. No meshes, as a `ForEach` over data without elements gives, make an empty mesh, with
+/// kept if all meshes have a picture or colors. Where a mesh has materials of a file, all meshes keep their materials and pictures. No meshes, as a `ForEach` over data without elements gives, make an empty mesh, with
 /// a warning.
 ///
 /// In other programs: join, append.
@@ -90,7 +91,7 @@ impl Merge {
         if stay && 0 < in_capture && in_capture < meshes.len() {
             cx.warn("some meshes have y down, as captures do, and others y up");
         }
-        if !same_picture(meshes) {
+        if Looks::of(meshes) == Looks::Painted {
             cx.warn(match meshes.iter().all(|mesh| is_colored(mesh)) {
                 true => "not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie",
                 false => "some meshes have a picture and others neither picture nor colors, so that no mesh keeps its own",
@@ -130,14 +131,15 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
         return Err(MergeError::NoPose { mesh: place + 1 });
     }
-    let picture = |mesh: &Mesh| mesh.texture().map_or(0, Value::size);
-    BYTES.check(
-        "the merged mesh",
-        meshes.iter().map(|mesh| (mesh.size() - picture(mesh)) as f64).sum(),
-    )?;
-    let (motions, same_picture) = (motions(meshes, poses), same_picture(meshes));
+    let bare = |mesh: &Mesh| mesh.clone().with_materials([]).size();
+    BYTES.check("the merged mesh", meshes.iter().map(|mesh| bare(mesh) as f64).sum())?;
+    let (motions, looks) = (motions(meshes, poses), Looks::of(meshes));
     let part = |(&mesh, motion): (&&Mesh, &Option<Motion>)| {
-        let part = if same_picture { mesh.clone() } else { painted(mesh)? };
+        let part = match looks {
+            Looks::Same => mesh.clone(),
+            Looks::Several => several::prepared(mesh)?,
+            Looks::Painted => painted(mesh)?,
+        };
         match motion {
             Some(motion) => moved_mesh(&part, motion),
             None => Ok(part),
@@ -146,9 +148,13 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     let parts = meshes.iter().zip(&motions).map(part).collect::<Result<Vec<Mesh>, _>>()?;
     let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
         .with_creases(creases(&parts))?
-        .with_texture(first.texture().filter(|_| same_picture).cloned())
         .with_frame(frame(meshes, &motions));
-    with_attributes(merged, &parts)
+    let merged = with_attributes(merged, &parts)?;
+    Ok(match looks {
+        Looks::Same => merged.with_materials(first.materials().clone()),
+        Looks::Several => several::with_materials(merged, &parts)?,
+        Looks::Painted => merged,
+    })
 }
 
 /// What [`merge`] makes of meshes, made of what it made of them before; none if more than places and normals of vertices, a common picture
@@ -157,13 +163,13 @@ fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Opti
     let (first, motions) = (meshes.first()?, motions(meshes, poses));
     let bits = |mesh: &&Mesh| pose(mesh).map(|pose| pose.map(f64::to_bits));
     let same_poses = meshes.iter().map(bits).eq(before.iter().map(bits));
-    if !same_poses || !same_picture(meshes) || !same_picture(before) {
+    if !same_poses || [meshes, before].map(Looks::of) != [Looks::Same; 2] {
         return None;
     }
     let parts = before.iter().zip(meshes).zip(&motions);
     let parts = parts.map(|((&before, &now), &motion)| Part { before, now, motion });
     let followed = followed(made, &Vec::from_iter(parts), 1.0)?;
-    Some(followed.with_texture(first.texture().cloned()).with_frame(frame(meshes, &motions)))
+    Some(followed.with_materials(first.materials().clone()).with_frame(frame(meshes, &motions)))
 }
 
 /// How each mesh is moved, if all are.
@@ -179,9 +185,32 @@ fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
     common_frame(&frames).filter(|_| motions.contains(&None))
 }
 
-/// Whether all meshes have the same picture, or none has one.
-fn same_picture(meshes: &[&Mesh]) -> bool {
-    meshes.windows(2).all(|pair| pair[0].texture() == pair[1].texture())
+/// How the merged mesh comes to look like its parts.
+#[derive(Clone, Copy, PartialEq)]
+enum Looks {
+    /// All have the same materials, or none has one.
+    Same,
+    /// Each part keeps its own materials.
+    Several,
+    /// The picture of each part becomes the color of its vertices.
+    Painted,
+}
+
+impl Looks {
+    fn of(meshes: &[&Mesh]) -> Self {
+        let is_plain = |mesh: &&Mesh| match &mesh.materials()[..] {
+            [] => true,
+            [only] => only.is_plain(),
+            _ => false,
+        };
+        if meshes.windows(2).all(|pair| pair[0].materials() == pair[1].materials()) {
+            Self::Same
+        } else if meshes.iter().all(is_plain) {
+            Self::Painted
+        } else {
+            Self::Several
+        }
+    }
 }
 
 fn motion(pose: &Matrix4<f64>) -> Motion {
@@ -193,7 +222,7 @@ fn motion(pose: &Matrix4<f64>) -> Motion {
 
 /// The mesh with its picture as the color of its vertices, and without texture coordinates.
 fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
-    let colors = painted_colors(mesh);
+    let colors = mesh.texture_colors();
     let plain = mesh.clone().with_texture(None).without("uv");
     match colors {
         Some(colors) => plain.with_vertex("color", Attribute::Color(colors)),

@@ -92,7 +92,7 @@ fn follow(mesh: &Mesh, before: &Mesh, made: &Mesh, motion: &Motion) -> Option<Me
     let part = Part { before, now: mesh, motion: Some(*motion) };
     let most = if motion.is_mirror() { 1.0 } else { GAINFUL };
     let followed = followed(made, &[part], most)?;
-    Some(followed.with_texture(mesh.texture().cloned()).with_frame(moved_frame(mesh)))
+    Some(followed.with_materials(mesh.materials().clone()).with_frame(moved_frame(mesh)))
 }
 
 /// Moves the points of anything; see [`Transform`] for what goes along.

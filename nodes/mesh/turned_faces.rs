@@ -24,7 +24,7 @@ pub(super) fn turned_faces(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, Mesh
     };
     let mut round = Mesh::new(mesh.positions().clone(), turned)?
         .with_creases(mesh.creases())?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {
         round = round.with_vertex(name, attribute.clone())?;

@@ -1,7 +1,7 @@
 //! Unites solids, cuts them out of each other, or takes what they have in common.
 
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
-use maquette_value::Mesh;
+use maquette_value::{Material, Mesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -76,6 +76,10 @@ impl Node for Boolean {
 
 /// What is not seen of what lies on solids once they are one.
 fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
+    // Materials of files are all kept.
+    if solids.iter().any(|solid| !solid.materials().iter().all(Material::is_plain)) {
+        return None;
+    }
     let pictures = Vec::from_iter(solids.iter().filter_map(|solid| solid.texture()));
     let is_painted = |solid: &&Mesh| solid.vertex().colors("color").is_some();
     if pictures.windows(2).any(|pair| pair[0] != pair[1]) {

@@ -114,7 +114,7 @@ fn lent(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
     let lacks = |name: &str| name != "normal" && !has(to, name);
     let mut names = from.vertex().iter().chain(from.corner().iter()).map(|it| it.0);
     let of_faces = from.face().iter().any(|(name, _)| to.face().get(name).is_none());
-    let is_bare = to.texture().is_none() && from.texture().is_some();
+    let is_bare = to.materials().is_empty() && !from.materials().is_empty();
     match is_bare || of_faces || names.any(lacks) {
         true if !from.faces().is_empty() => lend(from, &TriangleTree::new(from), to.clone()),
         _ => Ok(to.clone()),

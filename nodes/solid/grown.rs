@@ -54,7 +54,7 @@ impl<'a> Grown<'a> {
         };
         let mut mesh = Mesh::new(self.positions, faces)?
             .with_creases(self.mesh.creases())?
-            .with_texture(self.mesh.texture().cloned())
+            .with_materials(self.mesh.materials().clone())
             .with_frame(self.mesh.frame().copied());
         let kept = |(name, _): &(&str, &Attribute)| *name != "normal";
         for (name, attribute) in self.mesh.vertex().iter().filter(kept) {

@@ -33,8 +33,8 @@ pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mes
     });
     let faces = Vec::from_iter(nearest(&Vec::from_iter(middles)).iter().map(|place| place.face));
     // A picture belongs to the places on it.
-    if to.texture().is_none() && from.texture().is_some() {
-        to = to.without("uv").with_texture(from.texture().cloned());
+    if to.materials().is_empty() && !from.materials().is_empty() {
+        to = to.without("uv").with_materials(from.materials().clone());
     }
     let is_at = |mesh: &Mesh, name: &str| {
         mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()

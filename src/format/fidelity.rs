@@ -41,6 +41,7 @@ pub(crate) const OBJ: Fidelities = &[
     (VertexColors, Kept),
     (VertexUv, Kept),
     (CornerUv, Kept),
+    (Materials, Kept),
     (Pictures, Kept),
 ];
 
@@ -51,7 +52,8 @@ pub(crate) const OBJ_READ: Fidelities = &[
     (VertexColors, Kept),
     (VertexUv, Kept),
     (CornerUv, Kept),
-    (Pictures, Changed("that of the first material that has one")),
+    (Materials, Kept),
+    (Pictures, Kept),
 ];
 
 pub(crate) const GLB: Fidelities = &[
@@ -59,8 +61,12 @@ pub(crate) const GLB: Fidelities = &[
     (Faces, Changed(TRIANGLES)),
     (Normals, Kept),
     (VertexColors, Kept),
+    (CornerColors, Kept),
     (VertexUv, Kept),
     (CornerUv, Kept),
+    (VertexAttributes, Kept),
+    (CornerAttributes, Kept),
+    (Materials, Kept),
     (Pictures, Kept),
     (Units, Changed("meters")),
     (UpAxis, Kept),
@@ -71,10 +77,13 @@ pub(crate) const GLB_READ: Fidelities = &[
     (Faces, Kept),
     (Normals, Kept),
     (VertexColors, Kept),
+    (CornerColors, Kept),
     (VertexUv, Kept),
     (CornerUv, Kept),
-    (Materials, Changed("colors of vertices")),
-    (Pictures, Changed("that of the first material that has one")),
+    (VertexAttributes, Kept),
+    (CornerAttributes, Kept),
+    (Materials, Kept),
+    (Pictures, Kept),
     (Units, Changed("mm")),
     (UpAxis, Kept),
 ];

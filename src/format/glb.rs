@@ -3,7 +3,9 @@
 //! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
 //! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
+use std::mem::discriminant;
 
 use bytemuck::NoUninit;
 use maquette_node::pack::{Content, FileFormat, NewFile};
@@ -11,24 +13,27 @@ use maquette_node::provenance::{Signature, extras_of_glb, padded};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::parallel::*;
-use maquette_value::{Column, Mesh, Rgb, linear_from_srgb};
+use maquette_value::{Attribute, Column, Material, Mesh, Rgb, UvTransform, linear_from_srgb};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::corners::{Split, split};
 use super::left_out;
-use super::png;
 use super::rows::{Table, floats, in_pieces, indices};
 use super::{BLOCK, check_mesh, coarse_mesh};
 
 mod accessor;
 mod gltf;
+mod looks;
+mod material;
 mod read;
 mod scene;
 
 pub use gltf::GltfError;
 pub(crate) use gltf::MeshGltf;
+use looks::Looks;
+pub(crate) use looks::{has_own_color, is_extension};
 pub use read::{GlbReadError, read};
 use read::{companions, read_noted};
 
@@ -42,6 +47,7 @@ pub(super) enum GlbError {
 }
 
 // Numbers of the specification.
+const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
@@ -52,6 +58,8 @@ const TRIANGLES: u32 = 4;
 const LINEAR: u32 = 9729;
 const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 const CLAMP_TO_EDGE: u32 = 33071;
+const MIRRORED_REPEAT: u32 = 33648;
+const REPEAT: u32 = 10497;
 
 /// Writes a mesh with normals, texture or colors.
 pub(super) struct MeshGlb;
@@ -76,6 +84,8 @@ impl FileFormat for MeshGlb {
         coarse_mesh(mesh)
             .into_iter()
             .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(left_out::of_materials(mesh, is_extension))
+            .chain(looks::rounded(mesh))
             .collect()
     }
 }
@@ -91,33 +101,72 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
     check_mesh(mesh)?;
     let vertices = Vertices::new(mesh);
     let mut file = Buffers::default();
-    let mut attributes = json!({ "POSITION": file.positions(&vertices) });
+    let mut common = json!({ "POSITION": file.positions(&vertices) });
     let mut seen = None;
     if !mesh.faces().is_empty() {
         let (accessor, normals) = file.normals(&vertices);
-        attributes["NORMAL"] = accessor.into();
+        common["NORMAL"] = accessor.into();
         seen = normals;
     }
-    let texture = mesh.texture().filter(|_| vertices.has_uv());
-    if vertices.has_uv() {
-        attributes["TEXCOORD_0"] = file.uv(&vertices).into();
+    let sets = looks::coordinate_sets(&vertices);
+    let unknown = [Material::default()];
+    let materials = if mesh.materials().is_empty() { &unknown } else { &mesh.materials()[..] };
+    let numbers = match mesh.face_materials() {
+        Some(numbers) => {
+            BTreeSet::from_iter(numbers.iter().map(|&number| mesh.known_material(number)))
+        }
+        None => BTreeSet::from([0]),
+    };
+    // What a material adds to the attributes, and whether it has the colors of the vertices.
+    let (mut coordinates, mut colors) = (Vec::new(), None);
+    let mut parts = Vec::new();
+    for number in numbers {
+        let material = &materials[number as usize];
+        let mut attributes = common.clone();
+        for (place, set) in sets.iter().enumerate() {
+            let transform = looks::transform_of(material, set);
+            let known = coordinates.iter().find(|(of, by, _)| (*of, *by) == (place, transform));
+            let accessor = known.map(|known| known.2).unwrap_or_else(|| {
+                let accessor = file.uv(&vertices, set, transform);
+                coordinates.push((place, transform, accessor));
+                accessor
+            });
+            attributes[format!("TEXCOORD_{place}")] = accessor.into();
+        }
+        let has_picture = material.picture.is_some() && sets.first().is_some_and(|set| set == "uv");
+        let has_colors = vertices.has_colors()
+            && match has_picture {
+                true => material.has_vertex_colors,
+                false => material.is_plain() || !has_own_color(mesh, number),
+            };
+        if has_colors {
+            let accessor = *colors.get_or_insert_with(|| file.colors(&vertices));
+            attributes["COLOR_0"] = accessor.into();
+        }
+        parts.push((number, attributes, has_colors));
     }
-    let colors = mesh.vertex().colors("color").filter(|_| texture.is_none());
-    if let Some(colors) = colors {
-        attributes["COLOR_0"] = file.colors(&vertices, colors).into();
-    }
-    let mut primitive = json!({ "attributes": attributes, "material": 0, "mode": POINTS });
-    if !mesh.faces().is_empty() {
-        primitive["mode"] = TRIANGLES.into();
-        primitive["indices"] = file.triangles(vertices).into();
-    }
-    let mut shading = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.9 });
-    let mut images = None;
-    if let Some(texture) = texture {
-        shading["baseColorTexture"] = json!({ "index": 0 });
-        let picture = png::encode_rgb(texture)?;
-        let view = file.view(Table::of_bytes(picture), None);
-        images = Some(json!([{ "bufferView": view, "mimeType": "image/png" }]));
+    let own = Vec::from_iter(vertices.own().map(|(name, attribute)| {
+        let prefix = if name.starts_with('_') { "" } else { "_" };
+        (format!("{prefix}{name}"), file.own(&vertices, name, attribute))
+    }));
+    let count = parts.len();
+    let indices = match (mesh.faces().is_empty(), count) {
+        (true, _) => Vec::new(),
+        (false, 1) => vec![file.triangles(vertices)],
+        _ => file.triangles_of_materials(&vertices, parts.iter().map(|part| part.0)),
+    };
+    let (mut looks, mut primitives) = (Looks::default(), Vec::new());
+    for (place, (number, mut attributes, has_colors)) in parts.into_iter().enumerate() {
+        for (name, accessor) in &own {
+            attributes[name] = (*accessor).into();
+        }
+        let mut primitive = json!({ "attributes": attributes, "material": place, "mode": POINTS });
+        if let Some(&indices) = indices.get(place) {
+            primitive["mode"] = TRIANGLES.into();
+            primitive["indices"] = indices.into();
+        }
+        primitives.push(primitive);
+        looks.add(&materials[number as usize], &sets, has_colors, &mut file)?;
     }
     let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
     if mesh.frame().is_some() {
@@ -131,20 +180,12 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [root, { "name": "mesh", "mesh": 0 }],
-        "meshes": [{ "primitives": [primitive] }],
-        "materials": [{ "pbrMetallicRoughness": shading, "doubleSided": true }],
+        "meshes": [{ "primitives": primitives }],
         "accessors": file.accessors,
         "bufferViews": file.views,
         "buffers": [{ "byteLength": length }],
     });
-    if let Some(images) = images {
-        document["images"] = images;
-        document["samplers"] = json!([{
-            "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR,
-            "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE,
-        }]);
-        document["textures"] = json!([{ "sampler": 0, "source": 0 }]);
-    }
+    looks.finish(&mut document);
     if let Some(told) = signature.and_then(|signature| extras_of_glb(&signature.words)) {
         document["asset"]["extras"] = told;
     }
@@ -183,20 +224,50 @@ struct Vertices<'a> {
 
 impl<'a> Vertices<'a> {
     fn new(mesh: &'a Mesh) -> Self {
-        let uv = mesh.corner().pairs("uv").filter(|_| mesh.vertex().pairs("uv").is_none());
-        let normals = mesh.corner().vectors("normal");
-        let normals = normals.filter(|_| mesh.vertex().vectors("normal").is_none());
-        let same = |a: usize, b: usize| {
-            uv.is_none_or(|uv| uv[a] == uv[b])
-                && normals.is_none_or(|normals| normals[a] == normals[b])
-        };
-        let cut = !mesh.faces().is_empty() && (uv.is_some() || normals.is_some());
+        // What differs between corners at a vertex makes several vertices of it.
+        let of_corners = mesh.corner().iter().filter(|(name, attribute)| {
+            let is_known = ["uv", "normal", "color"].contains(name);
+            let other = mesh.vertex().get(name);
+            !matches!(attribute, Attribute::Flag(_))
+                && other
+                    .is_none_or(|other| is_known && discriminant(other) != discriminant(attribute))
+        });
+        let of_corners = Vec::from_iter(of_corners.map(|(_, attribute)| attribute));
+        let same = |a, b| of_corners.iter().all(|attribute| attribute.is_same(a, b));
+        let cut = !mesh.faces().is_empty() && !of_corners.is_empty();
         Self { mesh, split: cut.then(|| split(mesh, same)) }
     }
 
-    fn has_uv(&self) -> bool {
-        self.mesh.vertex().pairs("uv").is_some()
-            || self.split.is_some() && self.mesh.corner().pairs("uv").is_some()
+    /// All attributes that are written, those of vertices in place of those of corners.
+    fn attributes(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
+        let mesh = self.mesh;
+        let corners = mesh
+            .corner()
+            .iter()
+            .filter(move |(name, _)| self.split.is_some() && mesh.vertex().get(name).is_none());
+        let all = mesh.vertex().iter().chain(corners);
+        all.filter(|(_, attribute)| !matches!(attribute, Attribute::Flag(_)))
+    }
+
+    fn pairs_names(&self) -> impl Iterator<Item = &'a str> {
+        let pairs = self.attributes().filter(|it| matches!(it.1, Attribute::Pair(_)));
+        pairs.map(|(name, _)| name)
+    }
+
+    /// Those that glTF does not know.
+    fn own(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
+        let sets = looks::coordinate_sets(self);
+        self.attributes().filter(move |(name, attribute)| match attribute {
+            Attribute::Pair(_) => !sets.iter().any(|set| set == name),
+            Attribute::Vector(_) => *name != "normal",
+            Attribute::Color(_) => *name != "color",
+            _ => true,
+        })
+    }
+
+    fn has_colors(&self) -> bool {
+        self.mesh.vertex().colors("color").is_some()
+            || self.split.is_some() && self.mesh.corner().colors("color").is_some()
     }
 
     /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
@@ -217,6 +288,11 @@ impl<'a> Vertices<'a> {
             }
             _ => unreachable!("data are asked for only where there are some"),
         }
+    }
+
+    /// The data of an own attribute: of vertices if there are as many.
+    fn gather_own<T: Copy + Send + Sync>(&self, data: &Column<T>, on_vertices: bool) -> Column<T> {
+        if on_vertices { self.gather(Some(data), None) } else { self.gather(None, Some(data)) }
     }
 }
 
@@ -322,16 +398,23 @@ impl<'a> Buffers<'a> {
         (accessor, None)
     }
 
-    fn uv(&mut self, vertices: &Vertices<'a>) -> usize {
+    /// The texture coordinates of an attribute as they were before they were moved.
+    fn uv(&mut self, vertices: &Vertices<'a>, name: &str, by: UvTransform) -> usize {
         let mesh = vertices.mesh;
-        let uv = vertices.gather(mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
+        let uv = vertices.gather(mesh.vertex().pairs(name), mesh.corner().pairs(name));
         // In glTF (0, 0) is the picture's upper left corner.
-        self.attribute("uv", uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
+        let entry = |&[s, t]: &[f64; 2]| floats([s, 1.0 - t]);
+        if by == UvTransform::default() {
+            return self.attribute("uv", uv, (FLOAT, "VEC2"), entry);
+        }
+        let undone = uv.iter().map(|&[s, t]| by.undo([s, 1.0 - t])).collect();
+        self.attribute("moved uv", undone, (FLOAT, "VEC2"), |&uv| floats(uv))
     }
 
     /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
-    fn colors(&mut self, vertices: &Vertices<'a>, colors: &Column<Rgb>) -> usize {
-        let colors = vertices.gather(Some(colors), None);
+    fn colors(&mut self, vertices: &Vertices<'a>) -> usize {
+        let mesh = vertices.mesh;
+        let colors = vertices.gather(mesh.vertex().colors("color"), mesh.corner().colors("color"));
         let accessor = self.attribute("color", colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
             let [red, green, blue] =
                 color.map(|channel| (linear_from_srgb(channel) * 65535.0).round() as u16);
@@ -339,6 +422,45 @@ impl<'a> Buffers<'a> {
         });
         self.accessors[accessor]["normalized"] = true.into();
         accessor
+    }
+
+    /// An attribute that glTF does not know. Whole numbers have 16 bits or are single precision: glTF allows no larger ones there.
+    fn own(&mut self, vertices: &Vertices<'a>, name: &str, attribute: &'a Attribute) -> usize {
+        let on_vertices = vertices.mesh.vertex().get(name).is_some();
+        match attribute {
+            Attribute::Number(own) => {
+                let all = vertices.gather_own(own, on_vertices);
+                self.attribute("own number", all, (FLOAT, "SCALAR"), |&x| floats([x]))
+            }
+            Attribute::Index(own) if own.iter().all(|&x| x <= u16::MAX.into()) => {
+                let all = vertices.gather_own(own, on_vertices);
+                // Two bytes that fill the row up to four.
+                let entry = |&x: &u32| [(x as u16).to_le_bytes(), [0; 2]];
+                let accessor = self.attribute("own index", all, (UNSIGNED_SHORT, "SCALAR"), entry);
+                self.views.last_mut().expect("that of the accessor")["byteStride"] = 4.into();
+                accessor
+            }
+            Attribute::Index(own) => {
+                let all = vertices.gather_own(own, on_vertices);
+                self.attribute("own large index", all, (FLOAT, "SCALAR"), |&x| floats([x.into()]))
+            }
+            Attribute::Pair(own) => {
+                let all = vertices.gather_own(own, on_vertices);
+                self.attribute("own pair", all, (FLOAT, "VEC2"), |&pair| floats(pair))
+            }
+            Attribute::Vector(own) => {
+                let all = vertices.gather_own(own, on_vertices);
+                self.attribute("own vector", all, (FLOAT, "VEC3"), |&vector| floats(vector))
+            }
+            Attribute::Color(own) => {
+                let all = vertices.gather_own(own, on_vertices);
+                let entry = |&[red, green, blue]: &Rgb| [red, green, blue, u8::MAX];
+                let accessor = self.attribute("own color", all, (UNSIGNED_BYTE, "VEC4"), entry);
+                self.accessors[accessor]["normalized"] = true.into();
+                accessor
+            }
+            Attribute::Flag(_) => unreachable!("flags are not written"),
+        }
     }
 
     /// Faces with more than three corners are cut into triangles.
@@ -360,11 +482,39 @@ impl<'a> Buffers<'a> {
                 Table::of_column("triangle", triangles.into(), |&triangle| indices(triangle))
             }
         };
+        self.indices(table)
+    }
+
+    fn indices(&mut self, table: Table<'a>) -> usize {
         let count = table.size() / 4;
         let view = self.view(table, Some(ELEMENT_ARRAY_BUFFER));
         self.accessor(json!({
             "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count,
         }))
+    }
+
+    /// The triangles of each of these materials.
+    fn triangles_of_materials(
+        &mut self,
+        vertices: &Vertices<'a>,
+        numbers: impl Iterator<Item = u32>,
+    ) -> Vec<usize> {
+        let mesh = vertices.mesh;
+        let corners = mesh.faces().corners();
+        let corners = vertices.split.as_ref().map_or(&corners[..], |split| &split.of_corner);
+        let places = BTreeMap::from_iter(numbers.zip(0..));
+        let mut triangles: Vec<Vec<[u32; 3]>> = vec![Vec::new(); places.len()];
+        for (face, &number) in
+            mesh.face_materials().into_iter().flat_map(|it| it.iter()).enumerate()
+        {
+            let of: usize = places[&mesh.known_material(number)];
+            let first = mesh.faces().first_corner(face);
+            let cut = mesh.face_triangles(face);
+            triangles[of].extend(cut.map(|it| it.map(|corner| corners[first + corner as usize])));
+        }
+        let table =
+            |all: Vec<[u32; 3]>| Table::of_column("triangle", all.into(), |&it| indices(it));
+        triangles.into_iter().map(|all| self.indices(table(all))).collect()
     }
 }
 
@@ -470,7 +620,7 @@ mod tests {
         assert_eq!(coordinates[8..16], *floats([0.125, 0.75]).as_flattened());
         let view = parts.0["bufferViews"].as_array().unwrap().last().unwrap();
         let picture = &parts.1[view["byteOffset"].as_u64().unwrap() as usize..];
-        assert_eq!(png::read(picture).unwrap(), image);
+        assert_eq!(crate::png::read(picture).unwrap(), image);
     }
 
     #[test]

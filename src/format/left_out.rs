@@ -1,8 +1,10 @@
 //! Warnings about what of a value a file of some format does not hold.
 
+use std::collections::BTreeSet;
+
 use maquette_node::DataKind::*;
 use maquette_node::{DataKind, Fidelities};
-use maquette_value::{Attribute, Attributes, Mesh, Points};
+use maquette_value::{Attribute, Attributes, MapKind, Material, Mesh, Points};
 
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
 /// loss: whoever reads the file computes them.
@@ -34,7 +36,26 @@ pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     if mesh.texture().is_some() && is_lost(Pictures) {
         lost.push("the picture".to_owned());
     }
+    if is_lost(Materials) && !mesh.materials().iter().all(Material::is_plain) {
+        lost.push("materials".to_owned());
+    }
     warning(&lost)
+}
+
+/// A warning that names what of materials only another format knows, by whether this one knows it, if there is any.
+pub(super) fn of_materials(mesh: &Mesh, is_known: impl Fn(&str) -> bool) -> Option<String> {
+    let names = mesh.materials().iter().flat_map(|material| {
+        let maps = material.maps.keys().filter_map(|kind| match kind {
+            MapKind::Other(name) => Some(&name[..]),
+            _ => None,
+        });
+        maps.chain(material.others.keys().map(|name| &name[..]))
+    });
+    let names = BTreeSet::from_iter(names.filter(|name| !is_known(name)));
+    let names = Vec::from_iter(names.into_iter().map(str::to_owned));
+    warning(&Vec::from_iter(
+        (!names.is_empty()).then(|| format!("{} of materials", quoted(&names))),
+    ))
 }
 
 /// A warning that names attributes of points that are left out of a file, if any is.

@@ -44,6 +44,8 @@ mod json;
 mod left_out;
 mod lists;
 #[cfg(test)]
+mod material_tests;
+#[cfg(test)]
 mod others;
 mod picture_kind;
 mod rows;

@@ -1,11 +1,11 @@
 //! OBJ, the text format of Wavefront: vertices, texture coordinates, normals and polygons.
 //!
-//! Read as a mesh, lines, groups and free-form geometry are passed over, and [`picture`] finds the picture on it; read as a curve, all but lines and free-form
+//! Read as a mesh, lines, groups and free-form geometry are passed over; read as a curve, all but lines and free-form
 //! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
 
 use std::collections::BTreeMap;
 
-use maquette_value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
+use maquette_value::{Attribute, CurveError, KnotVectorError, MATERIAL, Mesh, MeshError, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
@@ -16,12 +16,12 @@ use super::{excerpt, parse, real, words};
 
 mod curve;
 mod free_form;
+mod looks;
 mod material;
 mod write;
 
 pub use curve::read_curve;
 pub(super) use free_form::{CurveObj, SurfaceObj};
-pub use material::{Find, Picture, picture};
 pub(super) use write::MeshObj;
 
 /// Why bytes are not a mesh in an OBJ file.
@@ -121,17 +121,20 @@ pub enum ObjError {
 /// # Errors
 /// If a line cannot be understood, names what is not there yet, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
-    Ok(read_noted(bytes, None)?.0)
+    Ok(read_noted(bytes, None)?.0.without_face(MATERIAL))
 }
 
-/// The same, and what the user should know of what is left out or understood in one of several ways.
+/// The same, and what the user should know of what is left out or understood in one of several ways. Where faces have several materials, the
+/// attribute [`MATERIAL`] has the place of each face's in the names that are given, or the place behind the last one.
 fn read_noted(
     bytes: &[u8],
     color_range: Option<ColorRange>,
-) -> Result<(Mesh, Vec<String>), ObjError> {
+) -> Result<(Mesh, Vec<String>, Vec<String>), ObjError> {
     let mut reader = Reader { color_range, ..Reader::default() };
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
-    reader.finish()
+    let used = std::mem::take(&mut reader.used);
+    let (mesh, notes) = reader.finish(used.len() as u32)?;
+    Ok((mesh, notes, used))
 }
 
 /// Calls `read` with each line, comments and all, joined with those that a `\` at its end goes on in, and the number of its first one.
@@ -178,12 +181,11 @@ const NONE: u32 = u32::MAX;
 const KINDS: [&str; 3] = ["v", "vt", "vn"];
 
 /// Lines that say nothing of a mesh's shape: how it is called, grouped, shaded and drawn.
-const SILENT: [&[u8]; 16] = [
+const SILENT: [&[u8]; 15] = [
     b"o",
     b"g",
     b"s",
     b"mg",
-    b"usemtl",
     b"mtllib",
     b"usemap",
     b"maplib",
@@ -218,6 +220,11 @@ struct Reader {
     face: Vec<u32>,
     /// Corners that name what stands further below: the line, the kind and the number.
     forward: Vec<(usize, usize, usize)>,
+    /// The names of materials in the order in which they are first used.
+    used: Vec<String>,
+    /// The place of the name of each face's material; the one behind the last line `usemtl` is the last one.
+    of_faces: Vec<u32>,
+    current: Option<u32>,
     /// The first words of lines that are left out, and how many there are of each.
     left_out: BTreeMap<String, usize>,
 }
@@ -249,6 +256,16 @@ impl Reader {
                 self.normals.push(numbers);
             }
             Some(b"f") => self.read_face(words, line)?,
+            Some(b"usemtl") => {
+                let text = text.trim_ascii_start();
+                let name = String::from_utf8_lossy(&text[b"usemtl".len()..]).trim().to_owned();
+                let known = self.used.iter().position(|known| *known == name);
+                let place = known.unwrap_or_else(|| {
+                    self.used.push(name);
+                    self.used.len() - 1
+                });
+                self.current = Some(place as u32);
+            }
             Some(word) if SILENT.contains(&word) => {}
             Some(word) => {
                 let word = excerpt(word);
@@ -299,12 +316,13 @@ impl Reader {
             self.corner_texture.push(texture.map_or(NONE, |index| index as u32));
             self.corner_normals.push(normal.map_or(NONE, |index| index as u32));
         }
-        self.faces.push(&self.face);
+        let count = self.faces.push(&self.face);
+        self.of_faces.resize(self.of_faces.len() + count, self.current.unwrap_or(NONE));
         Ok(())
     }
 
-    /// The mesh, and what the user should know.
-    fn finish(mut self) -> Result<(Mesh, Vec<String>), ObjError> {
+    /// The mesh, and what the user should know; `none` stands for the material of faces that have none.
+    fn finish(mut self, none: u32) -> Result<(Mesh, Vec<String>), ObjError> {
         if self.positions.is_empty() {
             return Err(ObjError::Empty);
         }
@@ -322,7 +340,7 @@ impl Reader {
         notes.extend(self.left_out.iter().map(line));
         let finite = Finite::of(&mut self.positions);
         let colors = self.take_colors(&mut notes);
-        let mesh = self.into_mesh(colors, &mut notes).map_err(ObjError::Mesh)?;
+        let mesh = self.into_mesh(colors, none, &mut notes).map_err(ObjError::Mesh)?;
         let (mesh, left_out) = finite.mesh(mesh);
         notes.extend(finite::doubt(left_out, "face"));
         Ok((mesh, notes))
@@ -366,10 +384,15 @@ impl Reader {
     fn into_mesh(
         self,
         colors: Option<Vec<Rgb>>,
+        none: u32,
         notes: &mut Vec<String>,
     ) -> Result<Mesh, MeshError> {
         let (faces, origins) = self.faces.finish()?;
         let mut mesh = Mesh::new(self.positions, faces)?;
+        if self.of_faces.windows(2).any(|pair| pair[0] != pair[1]) {
+            let of_faces = self.of_faces.iter().map(|&place| place.min(none));
+            mesh = mesh.with_face(MATERIAL, Attribute::Index(of_faces.collect()))?;
+        }
         if let Some(colors) = colors {
             mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
         }
@@ -483,7 +506,7 @@ mod tests {
     #[test]
     fn colors_are_read_in_whatever_range_they_are() {
         let colors = |text: &str| {
-            let (mesh, notes) = read_noted(text.as_bytes(), None).unwrap();
+            let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
             (mesh.vertex().colors("color").map(|colors| colors.to_vec()), notes)
         };
         let expected = Some(vec![[255, 0, 0], [10, 200, 30]]);
@@ -504,7 +527,10 @@ mod tests {
 
     #[test]
     fn what_other_programs_write_is_read_and_what_is_left_out_is_told() {
-        let read = |text: &str| read_noted(text.as_bytes(), None).unwrap();
+        let read = |text: &str| {
+            let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
+            (mesh, notes)
+        };
         let tetrahedron =
             "v 0 0 0\nv 10 0 0\nv 0 20 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
         let (whole, notes) = read(tetrahedron);

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use expect_test::expect_file;
 use maquette_node::reading::{NoReader, Reading};
 use maquette_syntax::error::Error;
-use maquette_value::{Mesh, Points, RangeImage};
+use maquette_value::{Material, Mesh, Points, RangeImage};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/others");
 
@@ -56,6 +56,14 @@ fn mesh(mesh: &Mesh) -> String {
     }
     if let Some(picture) = mesh.texture() {
         write!(text, ", picture {}x{}", picture.width(), picture.height()).unwrap();
+    }
+    for material in mesh.materials().iter().filter(|material| !material.is_plain()) {
+        let maps = material.maps.iter().map(|(kind, map)| format!("{kind:?} {}", map.file));
+        let others = material.others.iter().map(|(name, words)| format!("{name} {words}"));
+        let all = Vec::from_iter(maps.chain(others)).join(", ");
+        let Material { name, base_color, metallic, roughness, .. } = material;
+        write!(text, "\n    material `{name}` {base_color:?} {metallic} {roughness}: {all}")
+            .unwrap();
     }
     text
 }

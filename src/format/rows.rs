@@ -93,7 +93,12 @@ impl<'a> Table<'a> {
 
     /// Bytes that are there.
     pub(super) fn of_bytes(bytes: Vec<u8>) -> Self {
-        Self::new(bytes.len(), 1, Bytes(bytes.into()))
+        Self::of_shared(bytes.into())
+    }
+
+    /// Bytes that somebody else has, too.
+    pub(super) fn of_shared(bytes: Column<u8>) -> Self {
+        Self::new(bytes.len(), 1, Bytes(bytes))
     }
 
     /// The bytes of `entry(item)`, one item per row; tables of the same name have the same `entry`.

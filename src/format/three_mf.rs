@@ -10,7 +10,7 @@ use std::fmt::Write;
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
-use maquette_value::{Mesh, Rgb};
+use maquette_value::{Material, Mesh, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
@@ -120,6 +120,13 @@ enum Look {
 impl Look {
     fn of(mesh: &Mesh) -> Self {
         let corners = mesh.faces().corners();
+        let has_colors = mesh.vertex().colors("color").or(mesh.corner().colors("color")).is_some();
+        let is_white =
+            mesh.materials().iter().all(|it| it.shown().is_none() && it.color() == [255; 3]);
+        if mesh.face_materials().is_some() || !has_colors && mesh.texture().is_none() && !is_white {
+            let (listed, of_corner) = numbered(seen_colors(mesh).into_iter(), |color| color);
+            return Self::Colors(listed, of_corner);
+        }
         if mesh.texture().is_some() {
             let (of_vertex, of_corner) = (mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
             let uv = match (of_vertex, of_corner) {
@@ -142,6 +149,27 @@ impl Look {
         let (listed, of_corner) = numbered(colors.into_iter(), |color| color);
         Self::Colors(listed, of_corner)
     }
+}
+
+/// What is seen at each corner of a mesh with materials.
+fn seen_colors(mesh: &Mesh) -> Vec<Rgb> {
+    let (of_vertex, of_corner) = (mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
+    let (own_vertex, own_corner) = (mesh.vertex().colors("color"), mesh.corner().colors("color"));
+    let mut colors = Vec::with_capacity(mesh.faces().corners().len());
+    for (number, face) in mesh.faces().iter().enumerate() {
+        let material = mesh.material_of(number);
+        for &vertex in face {
+            let (vertex, corner) = (vertex as usize, colors.len());
+            let uv = of_vertex.map(|uv| uv[vertex]).or(of_corner.map(|uv| uv[corner]));
+            let own = own_vertex.map(|own| own[vertex]).or(own_corner.map(|own| own[corner]));
+            let picture = material.filter(|material| material.shown().is_some()).zip(uv);
+            colors.push(match picture {
+                Some((material, uv)) => material.sample(uv).map(|channel| channel.round() as u8),
+                None => own.or(material.map(Material::color)).unwrap_or([255; 3]),
+            });
+        }
+    }
+    colors
 }
 
 /// Each item once, in the order in which they are met, and the number of each.

@@ -1,7 +1,7 @@
 //! What of a value is under the pointer, where it lies in space.
 
 use maquette_value::{
-    AnyValue, Attribute, Attributes, Axes, Layer, Mesh, RayHit, Rgb, TriangleTree,
+    AnyValue, Attribute, Attributes, Axes, Layer, Material, Mesh, RayHit, Rgb, TriangleTree, Wrap,
 };
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
@@ -219,17 +219,22 @@ fn color_at(
         (None, Some(uv)) => Some(vertices.map(|vertex| uv[vertex])),
         (None, None) => None,
     };
-    if let Some((texture, uv)) = mesh.texture().filter(|it| !it.pixels().is_empty()).zip(uv) {
-        let [u, v] = [0, 1].map(|axis| {
+    let material = mesh.material_of(hit.face as usize);
+    if let Some((material, uv)) = material.zip(uv)
+        && let Some(texture) = material.shown()
+    {
+        let uv = [0, 1].map(|axis| {
             hit.shares().iter().zip(uv).map(|(share, uv)| share * uv[axis]).sum::<f64>()
         });
+        let [u, v] = Wrap::uv(material.wrap(), uv);
         let texel = |share: f64, size: usize| ((share * size as f64) as usize).min(size - 1);
         let pixel = [texel(u, texture.width()), texel(1.0 - v, texture.height())];
         return Some((texture.at(pixel), Some(pixel)));
     }
     let color = match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
         (Some(colors), _) => colors[corner],
-        (None, colors) => colors?[vertex],
+        (None, Some(colors)) => colors[vertex],
+        (None, None) => material.map(Material::color).filter(|color| *color != [255; 3])?,
     };
     Some((color, None))
 }

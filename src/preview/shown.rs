@@ -9,7 +9,9 @@ use axum::body::Bytes;
 use bytemuck::NoUninit;
 use maquette_graph::{Asked, Broken};
 use maquette_render::{Field, Ground, Look, Ruler, Shape, Shapes, fitted, picture, picture_of};
-use maquette_value::{AnyValue, Axes, Column, Hash, Image, Layer, Picture, Series, hash_of};
+use maquette_value::{
+    AnyValue, Axes, Column, Hash, Image, Layer, Material, Picture, Series, hash_of,
+};
 use serde_json::{Value as Json, json};
 
 use super::pick::Pickable;
@@ -166,9 +168,12 @@ impl Shown {
         let color = shape.colors.as_ref().map(|colors| self.keep(colors));
         let uv = shape.uv.as_ref().map(|uv| self.keep(uv));
         let triangle = self.keep(&shape.triangles);
-        let texture = shape.texture().map(
-            |image| json!({ "size": [image.width(), image.height()], "pixels": self.image(image) }),
-        );
+        let texture = shape.textured().map(|material| self.texture(material));
+        // One after the other: how many triangles there are, and their picture.
+        let stretches = Vec::from_iter(shape.stretches.iter().map(|&(count, number)| {
+            let material = number.and_then(|number| shape.materials().get(number));
+            json!({ "count": count, "texture": material.map(|material| self.texture(material)) })
+        }));
         self.size += shape.size();
         let value = self.value.hash().to_string();
         let mut later = |what: &str, make: Make| {
@@ -200,10 +205,19 @@ impl Shown {
             "uv": uv,
             "triangle": triangle,
             "texture": texture,
+            "stretches": stretches,
             "edge": edge,
             "parameter": parameter,
             "fields": fields,
         })
+    }
+
+    /// The picture of a material, and how it goes on beyond its border.
+    fn texture(&mut self, material: &Material) -> Json {
+        let wrap = material.wrap().map(|wrap| format!("{wrap:?}"));
+        let picture = material.shown();
+        let size = picture.map(|image| [image.width(), image.height()]);
+        json!({ "size": size, "pixels": picture.map(|image| self.image(image)), "wrap": wrap })
     }
 
     /// The pixels of a picture, with 255 behind each.

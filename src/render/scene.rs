@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use maquette_value::parallel::*;
-use maquette_value::{Image, Mesh, Rgb};
+use maquette_value::{Image, Material, Mesh, Rgb, Wrap};
 use nalgebra::Vector3;
 
 use super::camera::{Camera, Spot};
@@ -54,11 +54,15 @@ impl<T: Copy> Data<'_, T> {
     }
 }
 
-/// The color of the surface.
-pub(super) enum Paint<'a> {
-    Clay,
-    Colors(Data<'a, Rgb>),
-    Texture(&'a Image, Data<'a, [f64; 2]>),
+/// The color of the surface: that of its pictures, else that of its vertices, corners or materials, else that of clay.
+pub(super) struct Paint<'a> {
+    mesh: &'a Mesh,
+    uv: Option<Data<'a, [f64; 2]>>,
+    colors: Option<Data<'a, Rgb>>,
+    /// The picture of each material.
+    pictures: Vec<Option<(&'a Image, [Wrap; 2])>>,
+    /// The number of the material of each corner, if there are several.
+    materials: Option<Vec<u32>>,
 }
 
 /// One triangle, in the order of the corners of its face.
@@ -117,13 +121,18 @@ impl<'a> Scene<'a> {
             let leans = skin.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
             if leans { flat.unwrap_or_default() } else { normal }
         });
-        let color = match &skin.paint {
-            Paint::Clay => Color::Clay,
-            Paint::Colors(colors) => Color::Mixed(each(|k| {
+        let paint = &skin.paint;
+        let number = paint.materials.as_ref().map_or(0, |all| all[local.corners[0] as usize]);
+        let picture = paint.pictures.get(number as usize).copied().flatten();
+        let color = match (picture.zip(paint.uv.as_ref()), &paint.colors) {
+            (Some(((image, wrap), uv)), _) => {
+                Color::Texture(image, wrap, each(|k| local.corner(k, uv)))
+            }
+            (None, Some(colors)) => Color::Mixed(each(|k| {
                 let [r, g, b] = local.corner(k, colors);
                 light::linear([f64::from(r), f64::from(g), f64::from(b)])
             })),
-            Paint::Texture(image, uv) => Color::Texture(image, each(|k| local.corner(k, uv))),
+            (None, None) => Color::Clay,
         };
         let near = |k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near);
         Facet { nears: self.perspective.then(|| padded(each(near))), flat, normals, color }
@@ -179,7 +188,7 @@ pub(super) struct Facet<'a> {
 enum Color<'a> {
     Clay,
     Mixed([Light; 3]),
-    Texture(&'a Image, [[f64; 2]; 3]),
+    Texture(&'a Image, [Wrap; 2], [[f64; 2]; 3]),
 }
 
 impl Facet<'_> {
@@ -197,9 +206,9 @@ impl Facet<'_> {
         let color = match &self.color {
             Color::Clay => light::CLAY,
             Color::Mixed(colors) => mix(colors),
-            Color::Texture(image, uv) => {
+            Color::Texture(image, wrap, uv) => {
                 let at = |k| shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k];
-                light::linear(image.sample([at(0), at(1)]))
+                light::linear(image.sample(Wrap::uv(*wrap, [at(0), at(1)])))
             }
         };
         light::lit(color, normal)
@@ -217,51 +226,91 @@ impl Facet<'_> {
 
 impl<'a> Paint<'a> {
     pub(super) fn of(mesh: &'a Mesh) -> Self {
-        let picture = mesh.texture().filter(|picture| !picture.pixels().is_empty());
-        if let Some(picture) = picture {
-            if let Some(uv) = mesh.corner().pairs("uv") {
-                return Self::Texture(picture, Data::Corner((&uv[..]).into()));
-            }
-            if let Some(uv) = mesh.vertex().pairs("uv") {
-                return Self::Texture(picture, Data::Vertex((&uv[..]).into()));
-            }
+        let uv = match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {
+            (Some(uv), _) => Some(Data::Corner((&uv[..]).into())),
+            (None, uv) => uv.map(|uv| Data::Vertex((&uv[..]).into())),
+        };
+        let picture = |it: &'a Material| {
+            it.shown().map(|picture| (picture, it.wrap())).filter(|_| uv.is_some())
+        };
+        let mut pictures = Vec::from_iter(mesh.materials().iter().map(picture));
+        let materials = mesh.face_materials().map(|numbers| {
+            let faces = mesh.faces().iter().zip(numbers.iter());
+            let of_face = |(face, &number): (&[u32], &u32)| {
+                std::iter::repeat_n(mesh.known_material(number), face.len())
+            };
+            faces.flat_map(of_face).collect::<Vec<_>>()
+        });
+        if materials.is_none() {
+            pictures.truncate(1);
         }
-        match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
-            (Some(colors), _) => Self::Colors(Data::Corner((&colors[..]).into())),
-            (None, Some(colors)) => Self::Colors(Data::Vertex((&colors[..]).into())),
-            (None, None) => Self::Clay,
-        }
+        let has_picture = pictures.iter().any(Option::is_some);
+        let is_whole = has_picture && pictures.iter().all(Option::is_some);
+        let given = match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
+            (Some(colors), _) => Some(Data::Corner((&colors[..]).into())),
+            (None, colors) => colors.map(|colors| Data::Vertex((&colors[..]).into())),
+        };
+        let of_materials = || {
+            let colors = Vec::from_iter(mesh.materials().iter().map(Material::color));
+            match &materials {
+                Some(numbers) => {
+                    let color = |number: &u32| colors[*number as usize];
+                    Some(Data::Corner(numbers.iter().map(color).collect()))
+                }
+                None => {
+                    let color = *colors.first().filter(|color| **color != [255; 3])?;
+                    Some(Data::Vertex(vec![color; mesh.positions().len()].into()))
+                }
+            }
+        };
+        let colors = if is_whole { None } else { given.or_else(of_materials) };
+        Self { mesh, uv: uv.filter(|_| has_picture), colors, pictures, materials }
     }
 
     /// Whether corners at the same vertex may look different.
     pub(super) fn is_by_corner(&self) -> bool {
-        matches!(self, Self::Colors(Data::Corner(_)) | Self::Texture(_, Data::Corner(_)))
+        matches!(self.colors, Some(Data::Corner(_))) || matches!(self.uv, Some(Data::Corner(_)))
     }
 
     pub(super) fn has_colors(&self) -> bool {
-        matches!(self, Self::Colors(_))
+        self.colors.is_some()
     }
 
     pub(super) fn has_uv(&self) -> bool {
-        matches!(self, Self::Texture(..))
+        self.uv.is_some()
     }
 
     /// The color of a corner, if it has one of its own.
     pub(super) fn color(&self, corner: u32, vertex: u32) -> Option<Rgb> {
-        match self {
-            Self::Colors(colors) => Some(colors.at(corner, vertex)),
-            _ => None,
-        }
+        self.colors.as_ref().map(|colors| colors.at(corner, vertex))
     }
 
     /// Where a corner lies on the texture.
     pub(super) fn uv(&self, corner: u32, vertex: u32) -> Option<[f32; 2]> {
-        match self {
-            Self::Texture(_, uv) => Some(uv.at(corner, vertex).map(|x| x as f32)),
-            _ => None,
+        self.uv.as_ref().map(|uv| uv.at(corner, vertex).map(|x| x as f32))
+    }
+
+    /// The pictures, and for each stretch of triangles, one after the other, how many there are and the place of their picture; nothing if
+    /// all have the same one.
+    pub(super) fn stretches(&self) -> Stretches {
+        let Some(numbers) = self.mesh.face_materials().filter(|_| self.uv.is_some()) else {
+            return Vec::new();
+        };
+        let mut stretches: Stretches = Vec::new();
+        for (face, &number) in self.mesh.faces().iter().zip(numbers.iter()) {
+            let number = self.mesh.known_material(number) as usize;
+            let picture = self.pictures[number].is_some().then_some(number);
+            match stretches.last_mut() {
+                Some((count, last)) if *last == picture => *count += face.len() - 2,
+                _ => stretches.push((face.len() - 2, picture)),
+            }
         }
+        stretches
     }
 }
+
+/// How many triangles follow each other with the same material, and its number if it has a picture.
+pub(super) type Stretches = Vec<(usize, Option<usize>)>;
 
 /// The vertex of each corner of all meshes, and the corners of each triangle if some faces are none.
 fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]>>) {

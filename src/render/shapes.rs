@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use maquette_value::parallel::*;
-use maquette_value::{Axes, Column, Image, Layer, Mesh};
+use maquette_value::{Axes, Column, Layer, Material, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use super::scene::{Data, FLAT, Paint};
@@ -58,6 +58,8 @@ pub struct Shape {
     /// From the lower left corner of the texture.
     pub uv: Option<Column<[f32; 2]>>,
     pub triangles: Column<[u32; 3]>,
+    /// Where its triangles have different pictures: how many follow each other with the same one, and the material that has it.
+    pub stretches: Vec<(usize, Option<usize>)>,
     pub fields: Arc<[Field]>,
     /// The vertex of the mesh of each vertex here.
     origins: Column<u32>,
@@ -145,6 +147,7 @@ impl Shape {
         let (triangles, fields) = (triangles.into(), fields_of(&mesh).into());
         let computed = normals.computed().cloned();
         let bent = cut.bent;
+        let stretches = paint.stretches();
         drop((cut.listed, paint, normals));
         Self {
             mesh,
@@ -155,6 +158,7 @@ impl Shape {
             colors,
             uv,
             triangles,
+            stretches,
             fields,
             origins,
             computed,
@@ -170,9 +174,14 @@ impl Shape {
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
-    /// The picture on it.
-    pub fn texture(&self) -> Option<&Image> {
-        self.mesh.texture().filter(|_| self.uv.is_some())
+    /// The first material with a picture that is seen on it.
+    pub fn textured(&self) -> Option<&Material> {
+        self.materials().iter().find(|it| it.shown().is_some()).filter(|_| self.uv.is_some())
+    }
+
+    /// The materials of its faces.
+    pub fn materials(&self) -> &[Material] {
+        self.mesh.materials()
     }
 
     /// Its edges, without those that only divide faces of many corners into triangles.

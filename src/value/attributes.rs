@@ -86,6 +86,21 @@ impl Attribute {
         }
     }
 
+    /// Whether two entries are the same.
+    ///
+    /// # Panics
+    /// If one of them is not there.
+    pub fn is_same(&self, a: usize, b: usize) -> bool {
+        match self {
+            Self::Number(column) => column[a] == column[b],
+            Self::Index(column) => column[a] == column[b],
+            Self::Flag(column) => column[a] == column[b],
+            Self::Pair(column) => column[a] == column[b],
+            Self::Vector(column) => column[a] == column[b],
+            Self::Color(column) => column[a] == column[b],
+        }
+    }
+
     /// The first pair or vector that is no place and no direction.
     fn first_not_finite(&self) -> Option<usize> {
         fn first<const N: usize>(column: &Column<[f64; N]>) -> Option<usize> {

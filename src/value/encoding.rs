@@ -15,6 +15,8 @@ use super::{Column, Hash, Value};
 /// Each part is written with its length, so that no two different contents look alike.
 pub struct Encoder {
     bytes: Vec<u8>,
+    /// From how many bytes on a column is kept apart.
+    apart: usize,
     /// Large columns; none if the content is only hashed.
     columns: Option<Vec<Arc<dyn Bytes>>>,
     /// False if a column that is to be kept no longer has its hash.
@@ -26,7 +28,7 @@ const APART: usize = 32 << 10;
 
 impl Encoder {
     fn new(columns: Option<Vec<Arc<dyn Bytes>>>) -> Self {
-        Self { bytes: Vec::with_capacity(128), columns, is_intact: true }
+        Self { bytes: Vec::with_capacity(128), apart: APART, columns, is_intact: true }
     }
 
     /// The hash of what `encode` writes behind a name.
@@ -34,6 +36,13 @@ impl Encoder {
         let mut encoder = Self::new(None);
         encode(encoder.text(name));
         Hash::of(&encoder.bytes)
+    }
+
+    /// All that `encode` writes, large columns too.
+    pub(super) fn bytes(encode: impl FnOnce(&mut Self)) -> Vec<u8> {
+        let mut encoder = Self { apart: usize::MAX, ..Self::new(Some(Vec::new())) };
+        encode(&mut encoder);
+        encoder.bytes
     }
 
     /// Writes a few bytes of plain data: numbers, points, small arrays of them.
@@ -60,7 +69,7 @@ impl Encoder {
         let Some(columns) = &mut self.columns else { return self };
         self.is_intact &= part.is_intact();
         let bytes: &[u8] = bytemuck::cast_slice(part);
-        let apart = APART <= bytes.len();
+        let apart = self.apart <= bytes.len();
         if apart {
             columns.push(Arc::new(part.clone()));
         }
@@ -163,7 +172,7 @@ impl Columns for Kept {
 pub(super) fn keep<T: Value>(value: &T) -> Kept {
     let mut encoder = Encoder::new(Some(Vec::new()));
     value.encode(&mut encoder);
-    let Encoder { bytes, columns, is_intact } = encoder;
+    let Encoder { bytes, columns, is_intact, .. } = encoder;
     Kept { bytes, columns: columns.unwrap_or_default(), is_intact }
 }
 
@@ -188,6 +197,15 @@ pub struct Decoder<'a> {
 pub struct DecodeError;
 
 impl Decoder<'_> {
+    /// What `read` finds in what [`Encoder::bytes`] gave.
+    pub(super) fn of_bytes<T>(
+        bytes: &[u8],
+        read: impl FnOnce(&mut Decoder<'_>) -> Result<T, DecodeError>,
+    ) -> Result<T, DecodeError> {
+        let columns = &Kept { bytes: Vec::new(), columns: Vec::new(), is_intact: true };
+        read(&mut Decoder { bytes, columns })
+    }
+
     /// What [`Encoder::plain`] took.
     ///
     /// # Errors

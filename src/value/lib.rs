@@ -36,6 +36,7 @@ mod knots;
 mod labels;
 mod layer;
 mod mask;
+mod material;
 mod memo;
 mod mesh;
 mod parts;
@@ -71,10 +72,11 @@ pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
 pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Marks, PLAIN, Picture, Series};
 pub use mask::Mask;
+pub use material::{Map, MapKind, Material, Transparency, UvTransform, Wrap};
 pub use memo::{Memo, hash_of_memo};
 pub use mesh::{
-    Behind, Edges, Faces, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree, bounds,
-    to_triangle,
+    Behind, Edges, Faces, MATERIAL, Mesh, MeshError, Moved, NearestPlace, RayHit, TriangleTree,
+    bounds, to_triangle,
 };
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range, ranges};
 pub use points::{Points, PointsError, first_not_finite};

@@ -1,11 +1,14 @@
 //! Polygon meshes.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Summary};
+use super::{
+    Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Material, Summary,
+};
 
 mod crossings;
 mod describe;
@@ -117,7 +120,7 @@ pub struct Mesh {
     face: Attributes,
     /// Sharpness of the creased edges, by vertices (a < b), sorted.
     creases: Column<Crease>,
-    texture: Option<Image>,
+    materials: Arc<[Material]>,
     frame: Option<CaptureFrame>,
     known: Known,
 }
@@ -146,7 +149,7 @@ impl Mesh {
             corner: Attributes::default(),
             face: Attributes::default(),
             creases: Column::default(),
-            texture: None,
+            materials: Arc::default(),
             frame: None,
             known: Known::default(),
         })
@@ -257,6 +260,13 @@ impl Mesh {
         self
     }
 
+    /// The same mesh without the face attribute of that name.
+    #[must_use]
+    pub fn without_face(mut self, name: &str) -> Self {
+        self.face.remove(name);
+        self
+    }
+
     /// The same mesh with these creases: vertex pairs and sharpness, 0 to 10 (10 and more never softens).
     ///
     /// # Errors
@@ -283,10 +293,21 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The same mesh with a picture on it.
+    /// The same mesh with one picture on all of it, in place of its materials.
     #[must_use]
-    pub fn with_texture(mut self, texture: Option<Image>) -> Self {
-        self.texture = texture;
+    pub fn with_texture(self, texture: Option<Image>) -> Self {
+        self.with_materials(Vec::from_iter(texture.map(Material::of_picture)))
+    }
+
+    /// The same mesh with these materials. If there are several, the attribute [`MATERIAL`] of faces says which face has which; one
+    /// that is there is dropped if there are no longer several.
+    #[must_use]
+    pub fn with_materials(mut self, materials: impl Into<Arc<[Material]>>) -> Self {
+        let materials = materials.into();
+        if self.materials.len() > 1 && materials.len() < 2 {
+            self.face.remove(MATERIAL);
+        }
+        self.materials = materials;
         self
     }
 
@@ -327,9 +348,33 @@ impl Mesh {
         self.creases.iter().map(|crease| (crease.vertices, crease.sharpness))
     }
 
-    /// The picture on it, if any.
+    /// The picture on it, if any: that of the first material that has one.
     pub fn texture(&self) -> Option<&Image> {
-        self.texture.as_ref()
+        self.materials.iter().find_map(|material| material.picture.as_ref())
+    }
+
+    /// How its faces look; nothing if nothing is known.
+    pub fn materials(&self) -> &Arc<[Material]> {
+        &self.materials
+    }
+
+    /// Which of its several materials each face has; none if all faces have the same. Other numbers mean the first one.
+    pub fn face_materials(&self) -> Option<&Column<u32>> {
+        match self.face.get(MATERIAL) {
+            Some(Attribute::Index(numbers)) if self.materials.len() > 1 => Some(numbers),
+            _ => None,
+        }
+    }
+
+    /// The material that a number in [`face_materials`](Self::face_materials) means: itself, or the first one.
+    pub fn known_material(&self, number: u32) -> u32 {
+        if (number as usize) < self.materials.len() { number } else { 0 }
+    }
+
+    /// The material of a face, if it has one.
+    pub fn material_of(&self, face: usize) -> Option<&Material> {
+        let number = self.face_materials().map_or(0, |all| self.known_material(all[face]));
+        self.materials.get(number as usize)
     }
 
     /// The frame of the capture that it came from, if any.
@@ -347,6 +392,9 @@ impl Mesh {
         bounds(self.positions.iter())
     }
 }
+
+/// The attribute of faces that has the numbers of their materials.
+pub const MATERIAL: &str = "material";
 
 /// Elements that one task looks at.
 const BLOCK: usize = 8192;

@@ -102,7 +102,7 @@ impl<'a> Original<'a> {
         let of_faces = Vec::from_iter(self.nearest(&middles).iter().map(|place| place.face));
         let mut even = Mesh::new(places, Faces::triangles(triangles))?
             .with_creases(creases)?
-            .with_texture(mesh.texture().cloned())
+            .with_materials(mesh.materials().clone())
             .with_frame(mesh.frame().copied());
         for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
             even = even.with_vertex(name, of_vertices.attribute(attribute))?;

@@ -108,7 +108,7 @@ pub(crate) fn cut(mesh: &Mesh, damaged: &[bool]) -> Result<(Mesh, Vec<bool>), Me
     let creases = creases.map(|(ends, sharp)| (ends.map(|end| numbers[end as usize]), sharp));
     let mut left = Mesh::new(positions, Faces::polygons(&sides, corners)?)?
         .with_creases(creases)?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {
         left = left.with_vertex(name, attribute.select(&kept))?;

@@ -4,8 +4,6 @@ use maquette_base::scattered::Scattered;
 use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use crate::painted_colors::painted_colors;
-
 /// Points of several sources in one frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
@@ -95,7 +93,7 @@ impl Cloud {
             self.views.truncate(first);
             self.views.extend(views);
         }
-        painted_colors(mesh).map(|colors| colors.to_vec()).or_else(|| colors(mesh.vertex()))
+        mesh.texture_colors().map(|colors| colors.to_vec()).or_else(|| colors(mesh.vertex()))
     }
 
     fn add_range(&mut self, range: &RangeImage) -> Option<Vec<Rgb>> {

@@ -225,7 +225,7 @@ impl<'a> Cut<'a> {
         let positions = Vec::from_iter(kept.iter().map(|&vertex| self.position(vertex)));
         let mut mesh = Mesh::new(positions, Faces::polygons(&sides, numbers)?)?
             .with_creases(self.creases(&places))?
-            .with_texture(of.texture().cloned())
+            .with_materials(of.materials().clone())
             .with_frame(of.frame().copied());
         let is_kept = |name: &str| name != "normal";
         if of.vertex().iter().any(|(name, _)| is_kept(name)) {

@@ -57,7 +57,7 @@ pub(crate) fn manifold(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let sides: Vec<usize> = faces.iter().map(<[u32]>::len).collect();
     let mut surface = Mesh::new(positions, Faces::polygons(&sides, split)?)?
         .with_creases(creases)?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {
         surface = surface.with_vertex(name, attribute.select(&sources))?;

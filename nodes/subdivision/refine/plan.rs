@@ -143,7 +143,7 @@ impl Plan {
             Some(EndLimit::Control(_)) => None,
         };
         Ok(followed.map(|followed| {
-            followed.with_texture(mesh.texture().cloned()).with_frame(mesh.frame().copied())
+            followed.with_materials(mesh.materials().clone()).with_frame(mesh.frame().copied())
         }))
     }
 
@@ -197,7 +197,7 @@ pub(crate) fn apply(
     progress.check()?;
     let mut refined = refined
         .with_creases(last.finer_creases())?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
         later.iter().try_fold(carry(first, attribute), |carried, step| {
@@ -243,7 +243,7 @@ pub(crate) fn bytes(mesh: &Mesh, how: Subdivision) -> f64 {
         [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
     let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();
     // Attributes become as many times more as corners, and are there twice while they are carried over.
-    let faces = Value::size(mesh) - mesh.texture().map_or(0, Value::size);
+    let faces = mesh.clone().with_materials([]).size();
     let own = mesh.positions().size() + mesh.faces().corners().len() * size_of::<u32>();
     let attributes = 2.5 * faces.saturating_sub(own) as f64 * libm::exp2(2.0 * f64::from(levels));
     corners_after(mesh, levels) * (plain + extra) + attributes

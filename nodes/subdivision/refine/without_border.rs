@@ -42,7 +42,7 @@ pub(crate) fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError
         .filter(|(ends, _)| !ends.contains(&GONE));
     let mut selected = Mesh::new(positions, Faces::polygons(&sides, corners.collect())?)?
         .with_creases(creases)?
-        .with_texture(mesh.texture().cloned())
+        .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {
         selected = selected.with_vertex(name, attribute.select(&vertices))?;

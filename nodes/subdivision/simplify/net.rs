@@ -396,7 +396,7 @@ impl Net {
         let creases = creases.map(|(a, (b, s))| ([a, *b].map(|v| names[v as usize]), *s));
         let mut simple = Mesh::new(places, Faces::triangles(triangles.collect()))?
             .with_creases(creases)?
-            .with_texture(mesh.texture().cloned())
+            .with_materials(mesh.materials().clone())
             .with_frame(mesh.frame().copied());
         let merged = Merged { merges: &self.merges, kept: &kept };
         for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {

@@ -5,7 +5,10 @@ use std::sync::Arc;
 use maquette_node::pack::{Format, NewFile};
 use maquette_node::reading::Reading;
 use maquette_node::{DataKind, Fidelity};
-use maquette_value::{AnyValue, Attribute, CaptureFrame, Faces, Image, Mesh, Points, value_type};
+use maquette_value::{
+    AnyValue, Attribute, CaptureFrame, Faces, Image, Map, MapKind, Material, Mesh, Points,
+    Transparency, value_type,
+};
 use nalgebra::Point3;
 
 use super::*;
@@ -56,7 +59,20 @@ fn with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
             let picture = Image::new(2, 1, vec![[255, 0, 0], [0, 0, 255]]).unwrap();
             return Some((on_uv.clone(), on_uv.with_texture(Some(picture)), ""));
         }
-        Positions | Faces | Materials | Units | UpAxis => return None,
+        Materials => {
+            let normals = Image::new(1, 1, vec![[128, 128, 255]]).unwrap();
+            let map = Map::new("bumps.png", crate::png::encode_rgb(&normals).unwrap());
+            let material = Material {
+                name: "skin".to_owned(),
+                base_color: [0.5, 0.25, 1.0, 0.5],
+                roughness: 0.5,
+                maps: [(MapKind::Normal, map)].into(),
+                transparency: Transparency::Blend,
+                ..Material::default()
+            };
+            return Some((on_uv.clone(), on_uv.with_materials([material]), ""));
+        }
+        Positions | Faces | Units | UpAxis => return None,
     };
     Some((plain, mesh, name))
 }
@@ -95,6 +111,23 @@ fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
     match kind {
         Creases if after.creases().len() == 0 => return Left::Nothing,
         Creases => return Left::All,
+        Materials => {
+            // Pictures may get other names.
+            let nameless = |mesh: &Mesh| {
+                let mut all = mesh.materials().to_vec();
+                all.iter_mut().flat_map(|it| it.maps.values_mut()).for_each(|map| map.file.clear());
+                all
+            };
+            let is_same = nameless(after) == nameless(before);
+            let is_lost = after.materials().is_empty();
+            return if is_same {
+                Left::All
+            } else if is_lost {
+                Left::Nothing
+            } else {
+                Left::Other
+            };
+        }
         Pictures => {
             let is_same = after.texture() == before.texture();
             return if is_same { Left::All } else { Left::Nothing };

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::material::{GltfMaterial, Sampler};
 use super::read::GlbReadError;
 
 /// The document: what is read of it.
@@ -16,8 +17,9 @@ pub(super) struct Document {
     pub(super) scenes: Vec<Scene>,
     pub(super) nodes: Vec<Node>,
     pub(super) meshes: Vec<GltfMesh>,
-    pub(super) materials: Vec<Material>,
+    pub(super) materials: Vec<GltfMaterial>,
     pub(super) textures: Vec<Texture>,
+    pub(super) samplers: Vec<Sampler>,
     pub(super) images: Vec<Picture>,
     pub(super) buffers: Vec<Picture>,
     pub(super) extensions_required: Vec<String>,
@@ -87,87 +89,9 @@ fn triangles() -> u32 {
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct Material {
-    pub(super) pbr_metallic_roughness: Shading,
-    pub(super) normal_texture: Option<Value>,
-    pub(super) occlusion_texture: Option<Value>,
-    pub(super) emissive_texture: Option<Value>,
-    pub(super) extensions: MaterialExtensions,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(default, rename_all = "camelCase")]
-pub(super) struct Shading {
-    /// Linear, with an opacity.
-    pub(super) base_color_factor: Option<[f64; 4]>,
-    pub(super) base_color_texture: Option<TextureUse>,
-    pub(super) metallic_roughness_texture: Option<Value>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(default)]
-pub(super) struct MaterialExtensions {
-    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
-    pub(super) glossiness: Option<Glossiness>,
-    #[serde(flatten)]
-    pub(super) others: BTreeMap<String, Value>,
-}
-
-/// The older way to say how light is reflected.
-#[derive(Default, Deserialize)]
-#[serde(default, rename_all = "camelCase")]
-pub(super) struct Glossiness {
-    pub(super) diffuse_factor: Option<[f64; 4]>,
-    pub(super) diffuse_texture: Option<TextureUse>,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct TextureUse {
-    pub(super) index: usize,
-    #[serde(default)]
-    pub(super) tex_coord: usize,
-    #[serde(default)]
-    pub(super) extensions: TextureUseExtensions,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(default)]
-pub(super) struct TextureUseExtensions {
-    #[serde(rename = "KHR_texture_transform")]
-    pub(super) transform: Option<Transform>,
-}
-
-/// How texture coordinates are moved: scaled, turned (radians, counterclockwise), and shifted, in this order.
-#[derive(Clone, Copy, Deserialize, PartialEq)]
-#[serde(default, rename_all = "camelCase")]
-pub(super) struct Transform {
-    pub(super) offset: [f64; 2],
-    pub(super) rotation: f64,
-    pub(super) scale: [f64; 2],
-    /// In place of that of the use.
-    pub(super) tex_coord: Option<usize>,
-}
-
-impl Default for Transform {
-    fn default() -> Self {
-        Self { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2], tex_coord: None }
-    }
-}
-
-impl Transform {
-    /// The moved coordinates, as glTF has them.
-    pub(super) fn apply(&self, [u, v]: [f64; 2]) -> [f64; 2] {
-        let (sin, cos) = (libm::sin(self.rotation), libm::cos(self.rotation));
-        let [u, v] = [u * self.scale[0], v * self.scale[1]];
-        [cos * u + sin * v + self.offset[0], cos * v - sin * u + self.offset[1]]
-    }
-}
-
-#[derive(Default, Deserialize)]
-#[serde(default)]
 pub(super) struct Texture {
     source: Option<usize>,
+    pub(super) sampler: Option<usize>,
     extensions: BTreeMap<String, Value>,
 }
 
@@ -192,6 +116,7 @@ impl Texture {
 pub(super) struct Picture {
     pub(super) buffer_view: Option<usize>,
     pub(super) uri: Option<String>,
+    pub(super) name: String,
 }
 
 #[derive(Deserialize)]
@@ -325,6 +250,13 @@ impl<'a> Buffer<'a> {
         let bytes = end.and_then(|end| self.bytes.get(view.byte_offset..end));
         let bytes = bytes.ok_or(wrong("is not inside the buffer"))?;
         Ok(View { bytes, stride: view.byte_stride })
+    }
+
+    /// The type of an accessor's entries, whether its numbers are whole ones, and whether they are normalized; none if it does not exist.
+    pub(super) fn kind(&self, index: usize) -> Option<(&'a str, bool, bool)> {
+        let accessor = self.document.accessors.get(index)?;
+        let is_whole = !matches!(Component::new(accessor.component_type)?, Component::F32);
+        Some((&accessor.kind, is_whole, accessor.normalized))
     }
 
     /// The entries of an accessor, the first N components of each, normalized if they are marked so.

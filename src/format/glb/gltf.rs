@@ -201,19 +201,21 @@ mod tests {
     #[test]
     fn buffers_and_pictures_in_files_and_in_the_text_are_as_in_one_file() {
         let glb = crate::glb::encode(&mesh()).unwrap();
-        let whole = read(&glb).unwrap();
         let (mut document, buffer) = split(&glb);
+        document["images"][0]["name"] = "my color.png".into();
+        let named = container(&document, buffer.clone()).unwrap();
+        let (whole, nameless) = (read(&named).unwrap(), read(&glb).unwrap());
         document["buffers"][0]["uri"] = "my%20mesh.bin".into();
         let picture = png::encode_rgb(mesh().texture().unwrap()).unwrap();
-        document["images"] = json!([{ "uri": "color.png" }]);
-        let files = [("my mesh.bin", &buffer[..]), ("color.png", &picture[..])];
+        document["images"] = json!([{ "uri": "my%20color.png" }]);
+        let files = [("my mesh.bin", &buffer[..]), ("my color.png", &picture[..])];
         assert_eq!(read_with(&document, &files), Ok(whole.clone()));
         document["images"][0]["uri"] =
             format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&picture)).into();
         document["buffers"][0]["uri"] =
             format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&buffer))
                 .into();
-        assert_eq!(read_with(&document, &[]), Ok(whole.clone()));
+        assert_eq!(read_with(&document, &[]), Ok(nameless.clone()));
         // Each part of the mesh may be in a buffer of its own.
         let half = buffer.len() / 2 / 8 * 8;
         let views = document["bufferViews"].as_array().unwrap().len();
@@ -229,7 +231,7 @@ mod tests {
             }
         }
         let files = [("all.bin", &buffer[..]), ("half.bin", &buffer[half..])];
-        assert_eq!(read_with(&document, &files), Ok(whole));
+        assert_eq!(read_with(&document, &files), Ok(nameless));
     }
 
     #[test]

@@ -1,17 +1,17 @@
 //! The scene of a GLB file put together: its parts moved to their places, vertices joined.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use maquette_value::{
-    Attribute, Column, Image, Mesh, MeshError, Rgb, linear_from_srgb, srgb_from_linear,
+    Attribute, Column, MATERIAL, Mesh, MeshError, Rgb, UvTransform, srgb_from_linear,
 };
 use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
-use super::accessor::{Buffer, Document, Node, Primitive, TextureUse, Transform};
-use super::read::{Find, GlbReadError, way_out};
+use super::accessor::{Buffer, Document, Node, Primitive};
+use super::material::{Materials, useful, uv_name};
+use super::read::{Find, GlbReadError};
 use crate::corners::{FaceList, with_corners};
 use crate::finite::{self, Finite};
-use crate::picture_file;
 
 /// glTF has meters.
 const MILLIMETERS: f64 = 1000.0;
@@ -26,29 +26,47 @@ const FAN: u32 = 6;
 pub(super) struct Scene<'a> {
     document: &'a Document,
     buffer: Buffer<'a>,
-    find: Find<'a>,
     positions: Vec<Point3<f64>>,
-    /// Of each vertex; zeros and white where a part has none.
-    normals: Vec<[f64; 3]>,
-    uv: Vec<[f64; 2]>,
-    colors: Vec<Rgb>,
-    /// How many parts have normals, texture coordinates and colors.
-    with: [usize; 3],
+    normals: Rows<[f64; 3]>,
+    /// White where a part has none.
+    colors: Rows<Rgb>,
+    /// Texture coordinates: `uv`, `uv1`, ..
+    sets: Vec<Rows<[f64; 2]>>,
+    own: BTreeMap<String, (OwnKind, Rows<[f64; 3]>)>,
     parts: usize,
+    /// Parts that have a picture and no colors, and need none.
+    pictured: usize,
     triangles: Vec<[u32; 3]>,
-    /// The picture that is shown, and which it is; none if it cannot be had.
-    texture: Option<(Texture, Option<Image>)>,
+    materials: Materials<'a>,
+    /// The number of the material of each triangle.
+    of_triangles: Vec<u32>,
     notes: Vec<String>,
 }
 
-/// A picture on a part: its number, and what it is multiplied with.
-type Texture = (usize, [f64; 3]);
+/// Data of vertices, and how many parts have them; zeros where a part has none.
+#[derive(Default)]
+struct Rows<T> {
+    rows: Vec<T>,
+    parts: usize,
+}
 
-/// What a part has its color from.
-struct Paint<'a> {
-    /// Linear.
-    factor: [f64; 3],
-    texture: Option<&'a TextureUse>,
+impl<T: Copy> Rows<T> {
+    /// Adds what a part has, if it has any, behind `start` vertices.
+    fn add(&mut self, rows: Vec<T>, start: usize, none: T) {
+        self.rows.resize(start, none);
+        self.rows.extend(rows);
+        self.parts += 1;
+    }
+}
+
+/// What an attribute of vertices is that glTF does not know.
+#[derive(Clone, Copy, PartialEq)]
+enum OwnKind {
+    Number,
+    Index,
+    Pair,
+    Vector,
+    Color,
 }
 
 impl<'a> Scene<'a> {
@@ -56,15 +74,16 @@ impl<'a> Scene<'a> {
         Self {
             document,
             buffer,
-            find,
             positions: Vec::new(),
-            normals: Vec::new(),
-            uv: Vec::new(),
-            colors: Vec::new(),
-            with: [0; 3],
+            normals: Rows::default(),
+            colors: Rows::default(),
+            sets: Vec::new(),
+            own: BTreeMap::new(),
             parts: 0,
+            pictured: 0,
             triangles: Vec::new(),
-            texture: None,
+            materials: Materials::new(document, find),
+            of_triangles: Vec::new(),
             notes: Vec::new(),
         }
     }
@@ -140,7 +159,7 @@ impl<'a> Scene<'a> {
             let count = places.len();
             let place = |place: [f64; 3]| motion.transform_point(&Point3::from(place));
             self.positions.extend(places.into_iter().map(place));
-            self.add_attributes(primitive, count, positions, motion)?;
+            let material = self.add_attributes(primitive, count, positions, motion)?;
             let corners = match primitive.indices {
                 Some(indices) => self.buffer.indices(indices, count)?,
                 None => Vec::from_iter(0..count as u32),
@@ -152,18 +171,19 @@ impl<'a> Scene<'a> {
                 corners.map(|corner| corner + start as u32)
             });
             self.triangles.extend(triangles);
+            self.of_triangles.resize(self.triangles.len(), material);
         }
         Ok(())
     }
 
-    /// Adds what the vertices of a part carry.
+    /// Adds what the vertices of a part carry; the number of its material.
     fn add_attributes(
         &mut self,
         primitive: &'a Primitive,
         count: usize,
         positions: usize,
         motion: &Matrix4<f64>,
-    ) -> Result<(), GlbReadError> {
+    ) -> Result<u32, GlbReadError> {
         let attribute = |name: &str| primitive.attributes.get(name).copied();
         let check = |found: usize| match found == count {
             true => Ok(()),
@@ -172,7 +192,7 @@ impl<'a> Scene<'a> {
                 Err(GlbReadError::Part { part: "accessor", index: positions, what })
             }
         };
-        let all = self.positions.len();
+        let start = self.positions.len() - count;
         self.parts += 1;
         if let Some(accessor) = attribute("NORMAL") {
             let linear: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into_owned();
@@ -183,128 +203,97 @@ impl<'a> Scene<'a> {
             check(rows.len())?;
             let unit = |normal| (turn * Vector3::from(normal)).try_normalize(0.0);
             let unit = |row| <[f64; 3]>::from(unit(row).unwrap_or_default());
-            self.normals.extend(rows.into_iter().map(unit));
-            self.with[0] += 1;
+            self.normals.add(rows.into_iter().map(unit).collect(), start, [0.0; 3]);
         }
-        self.normals.resize(all, [0.0; 3]);
-        let paint = self.paint(primitive.material);
-        let transform = paint.texture.and_then(|texture| texture.extensions.transform);
-        let set = paint.texture.map_or(0, |texture| texture.tex_coord);
-        let set = transform.and_then(|transform| transform.tex_coord).unwrap_or(set);
-        let set = format!("TEXCOORD_{set}");
-        let uv = attribute(&set);
-        if let Some(accessor) = uv {
+        let coordinates = primitive.attributes.iter().filter_map(|(name, accessor)| {
+            Some((name.strip_prefix("TEXCOORD_")?.parse::<usize>().ok()?, *accessor))
+        });
+        let coordinates: BTreeMap<usize, usize> = coordinates.collect();
+        let look =
+            self.materials.look(primitive.material, !coordinates.is_empty(), &self.buffer)?;
+        // Those of pictures come first, then those that no picture uses.
+        let mut sets = look.sets;
+        let others = coordinates.keys().filter(|set| !sets.iter().any(|it| it.0 == **set));
+        let others = Vec::from_iter(others.map(|&set| (set, UvTransform::default())));
+        sets.extend(others);
+        for (place, (set, transform)) in sets.into_iter().enumerate() {
+            let Some(&accessor) = coordinates.get(&set) else { continue };
             let rows = self.buffer.rows::<2>(accessor)?;
             check(rows.len())?;
-            let transform = transform.unwrap_or_default();
             // In glTF (0, 0) is the picture's upper left corner.
-            let place = |uv| {
-                let [s, t] =
-                    if transform == Transform::default() { uv } else { transform.apply(uv) };
+            let at = |uv| {
+                let is_moved = transform != UvTransform::default();
+                let [s, t] = if is_moved { transform.apply(uv) } else { uv };
                 [s, 1.0 - t]
             };
-            self.uv.extend(rows.into_iter().map(place));
-            self.with[1] += 1;
+            if self.sets.len() <= place {
+                self.sets.resize_with(place + 1, Rows::default);
+            }
+            self.sets[place].add(rows.into_iter().map(at).collect(), start, [0.0; 2]);
         }
-        self.uv.resize(all, [0.0; 2]);
-        let texture = self.read_texture(paint.texture.filter(|_| uv.is_some()), paint.factor)?;
-        let has_factor = paint.factor != [1.0; 3] && !texture;
-        let by = if texture { [1.0; 3] } else { paint.factor };
+        let by = look.factor;
         let color = |[r, g, b]: [f64; 3]| [r * by[0], g * by[1], b * by[2]].map(srgb_from_linear);
         if let Some(accessor) = attribute("COLOR_0") {
             let rows = self.buffer.rows::<3>(accessor)?;
             check(rows.len())?;
-            self.colors.extend(rows.into_iter().map(color));
+            self.colors.add(rows.into_iter().map(color).collect(), start, [255; 3]);
+            let material = &mut self.materials.all[look.material as usize];
+            material.has_vertex_colors = material.picture.is_some();
+            let is_vec4 = self.buffer.kind(accessor).is_some_and(|(kind, ..)| kind == "VEC4");
+            if is_vec4 && self.buffer.rows::<4>(accessor)?.iter().any(|row| row[3] < 1.0) {
+                self.note("the opacity of the colors of vertices is left out");
+            }
+        } else if by != [1.0; 3] {
+            self.colors.add(vec![color([1.0; 3]); count], start, [255; 3]);
+        } else if self.materials.all[look.material as usize].picture.is_some() {
+            self.pictured += 1;
         }
-        self.with[2] += usize::from(has_factor || attribute("COLOR_0").is_some());
-        self.colors.resize(all, color([1.0; 3]));
-        for name in primitive.attributes.keys() {
+        for (name, &accessor) in &primitive.attributes {
             // Tangents are those of the texture coordinates, and bones are told of.
-            let is_read = ["POSITION", "NORMAL", "COLOR_0", "TANGENT", &set].contains(&&**name);
-            if !is_read && !name.starts_with("JOINTS_") && !name.starts_with("WEIGHTS_") {
+            let is_read = ["POSITION", "NORMAL", "COLOR_0", "TANGENT"].contains(&&**name);
+            if is_read || ["TEXCOORD_", "JOINTS_", "WEIGHTS_"].iter().any(|it| name.starts_with(it))
+            {
+                continue;
+            }
+            let kind = name.strip_prefix('_').and_then(|_| self.own_kind(accessor));
+            let Some(kind) = kind else {
                 self.note(format!("the attribute `{name}` is left out"));
+                continue;
+            };
+            let rows = match kind {
+                OwnKind::Number | OwnKind::Index => self.first_components::<1>(accessor)?,
+                OwnKind::Pair => self.first_components::<2>(accessor)?,
+                OwnKind::Vector | OwnKind::Color => self.first_components::<3>(accessor)?,
+            };
+            check(rows.len())?;
+            let (known, all) = self.own.entry(name.clone()).or_insert((kind, Rows::default()));
+            match *known == kind {
+                true => all.add(rows, start, [0.0; 3]),
+                false => self.note(format!("the attribute `{name}` has several types in several parts, and is left out in some")),
             }
         }
-        Ok(())
+        Ok(look.material)
     }
 
-    /// What a part of this material has its color from; what else the material has is noted.
-    fn paint(&mut self, material: Option<usize>) -> Paint<'a> {
-        let document = self.document;
-        let Some(material) = material.and_then(|material| document.materials.get(material)) else {
-            return Paint { factor: [1.0; 3], texture: None };
-        };
-        let shading = &material.pbr_metallic_roughness;
-        let maps = [
-            ("normals", &material.normal_texture),
-            ("metal and roughness", &shading.metallic_roughness_texture),
-            ("occlusion", &material.occlusion_texture),
-            ("emission", &material.emissive_texture),
-        ];
-        for (what, map) in maps {
-            if map.is_some() {
-                self.note(format!(
-                    "the picture of {what} is left out: a mesh has one picture, of its color"
-                ));
-            }
-        }
-        for (name, extension) in &material.extensions.others {
-            let is_picture = |(key, _): (&String, _)| key.ends_with("Texture");
-            if extension.as_object().is_some_and(|extension| extension.iter().any(is_picture)) {
-                self.note(format!(
-                    "pictures of `{name}` are left out: a mesh has one picture, of its color"
-                ));
-            }
-        }
-        let (mut factor, mut texture) =
-            (shading.base_color_factor, shading.base_color_texture.as_ref());
-        if let Some(glossiness) = &material.extensions.glossiness
-            && factor.is_none()
-            && texture.is_none()
-        {
-            (factor, texture) = (glossiness.diffuse_factor, glossiness.diffuse_texture.as_ref());
-        }
-        let [red, green, blue, _] = factor.unwrap_or([1.0; 4]);
-        Paint { factor: [red, green, blue], texture }
+    /// What an attribute that glTF does not know is, by the type of its entries.
+    fn own_kind(&self, accessor: usize) -> Option<OwnKind> {
+        Some(match self.buffer.kind(accessor)? {
+            ("SCALAR", true, false) => OwnKind::Index,
+            ("SCALAR", ..) => OwnKind::Number,
+            ("VEC2", ..) => OwnKind::Pair,
+            ("VEC3" | "VEC4", true, true) => OwnKind::Color,
+            ("VEC3", ..) => OwnKind::Vector,
+            _ => return None,
+        })
     }
 
-    /// Takes the picture of a part as that of the mesh, if no other is; whether the part has one.
-    fn read_texture(
+    /// The first components of the entries of an accessor, with zeros behind them.
+    fn first_components<const N: usize>(
         &mut self,
-        texture: Option<&TextureUse>,
-        factor: [f64; 3],
-    ) -> Result<bool, GlbReadError> {
-        let document = self.document;
-        let Some(texture) = texture else { return Ok(false) };
-        let Some(found) = document.textures.get(texture.index) else { return Ok(false) };
-        let Some(source) = found.picture() else {
-            if let Some(name) = found.unread() {
-                self.note(format!("a picture is left out, which needs `{name}`{}", way_out(name)));
-            }
-            return Ok(false);
-        };
-        let wanted = (source, factor);
-        if let Some((shown, _)) = &self.texture {
-            if *shown != wanted {
-                self.note("the mesh has several pictures, but shows the first, also where another one belongs");
-            }
-            return Ok(true);
-        }
-        let Some(image) = document.images.get(source) else { return Ok(false) };
-        let image = match (image.buffer_view, &image.uri) {
-            (Some(view), _) => Some(picture_file::read(self.buffer.view(view)?.bytes)?),
-            (None, Some(uri)) => {
-                let read =
-                    |bytes: Vec<u8>| picture_file::read(&bytes).map_err(|error| error.to_string());
-                let image = (self.find)(uri).and_then(read);
-                image.map_err(|why| self.note(format!("picture {source} is left out: {why}"))).ok()
-            }
-            (None, None) => None,
-        };
-        let image =
-            image.map(|image| if factor == [1.0; 3] { image } else { multiplied(&image, factor) });
-        self.texture = Some((wanted, image));
-        Ok(true)
+        accessor: usize,
+    ) -> Result<Vec<[f64; 3]>, GlbReadError> {
+        let widened = |row: [f64; N]| std::array::from_fn(|k| row.get(k).copied().unwrap_or(0.0));
+        Ok(self.buffer.rows::<N>(accessor)?.into_iter().map(widened).collect())
     }
 
     /// The mesh, and what the user should know.
@@ -312,35 +301,59 @@ impl<'a> Scene<'a> {
         if self.positions.is_empty() {
             return Err(GlbReadError::Empty);
         }
-        let names = ["normals", "texture coordinates", "colors"];
-        for (name, with) in names.into_iter().zip(self.with) {
+        let all = self.positions.len();
+        self.normals.rows.resize(all, [0.0; 3]);
+        self.colors.rows.resize(all, [255; 3]);
+        self.sets.iter_mut().for_each(|set| set.rows.resize(all, [0.0; 2]));
+        self.own.values_mut().for_each(|(_, own)| own.rows.resize(all, [0.0; 3]));
+        self.notes.append(&mut self.materials.notes);
+        let coordinates = self.sets.first().map_or(0, |set| set.parts);
+        let colors = match self.colors.parts {
+            0 => 0,
+            parts => parts + self.pictured,
+        };
+        let counts = [
+            ("normals", self.normals.parts),
+            ("texture coordinates", coordinates),
+            ("colors", colors),
+        ];
+        let own = self.own.iter().map(|(name, (_, own))| (&name[..], own.parts));
+        for (name, with) in counts.into_iter().chain(own) {
             let without = self.parts - with;
             if with > 0 && without > 0 {
                 let none = if name == "colors" { "is white" } else { "are zeros" };
-                self.note(format!(
+                self.notes.push(format!(
                     "{without} of {} parts have no {name}: there {none} in place of them",
                     self.parts
                 ));
             }
         }
-        let [has_normals, has_uv, has_colors] = self.with.map(|with| with > 0);
         let finite = Finite::of(&mut self.positions);
-        let mend =
-            finite::mend(&mut self.normals, "normal", "vertex", |index| finite.contains(index));
-        let uv = finite::mend(&mut self.uv, "uv", "vertex", |index| finite.contains(index));
-        self.notes.extend(mend.into_iter().chain(uv));
+        let mend = finite::mend(&mut self.normals.rows, "normal", "vertex", |index| {
+            finite.contains(index)
+        });
+        self.notes.extend(mend);
+        for (place, set) in self.sets.iter_mut().enumerate() {
+            let name = uv_name(place);
+            self.notes.extend(finite::mend(&mut set.rows, &name, "vertex", |index| {
+                finite.contains(index)
+            }));
+        }
         // Triangles with a corner nowhere are left out, and so are such points of a cloud.
         let before = self.triangles.len();
-        self.triangles
-            .retain(|corners| corners.iter().all(|&corner| finite.contains(corner as usize)));
+        let is_finite = |corners: &[u32; 3]| corners.iter().all(|&it| finite.contains(it as usize));
+        let mut kept = self.triangles.iter().map(is_finite);
+        self.of_triangles.retain(|_| kept.next() == Some(true));
+        self.triangles.retain(is_finite);
         self.notes.extend(finite::doubt(before - self.triangles.len(), "face"));
         let is_cloud = before == 0;
         if is_cloud {
             self.notes.extend(finite::doubt(finite.n_left_out(), "point"));
             finite.retain(&mut self.positions);
-            finite.retain(&mut self.normals);
-            finite.retain(&mut self.uv);
-            finite.retain(&mut self.colors);
+            finite.retain(&mut self.normals.rows);
+            finite.retain(&mut self.colors.rows);
+            self.sets.iter_mut().for_each(|set| finite.retain(&mut set.rows));
+            self.own.values_mut().for_each(|(_, own)| finite.retain(&mut own.rows));
             if self.positions.is_empty() {
                 return Err(GlbReadError::Empty);
             }
@@ -355,45 +368,57 @@ impl<'a> Scene<'a> {
         };
         let vertex = |index: u32| vertices.as_ref().map_or(index, |all| all[index as usize]);
         let mut list = FaceList::with_capacity(self.triangles.len());
-        for triangle in &self.triangles {
-            list.push(&triangle.map(vertex));
+        let mut of_faces = Vec::with_capacity(self.triangles.len());
+        for (triangle, material) in self.triangles.iter().zip(self.of_triangles) {
+            let count = list.push(&triangle.map(vertex));
+            of_faces.resize(of_faces.len() + count, material);
         }
         self.notes.extend(list.notes());
         let (faces, origins) = list.finish()?;
         let corners = self.triangles.as_flattened();
         let mut mesh = Mesh::new(positions, faces)?;
-        if has_uv {
-            mesh = carry(mesh, "uv", self.uv, &origins, corners, [0.0; 2], Attribute::Pair)?;
+        let sets = self.sets.into_iter().enumerate();
+        for (place, set) in sets.filter(|(_, set)| set.parts > 0) {
+            let name = uv_name(place);
+            mesh = carry(mesh, &name, set.rows, &origins, corners, [0.0; 2], Attribute::Pair)?;
         }
-        if has_normals {
-            mesh = carry(
-                mesh,
-                "normal",
-                self.normals,
-                &origins,
-                corners,
-                [0.0; 3],
-                Attribute::Vector,
-            )?;
+        if self.normals.parts > 0 {
+            let rows = self.normals.rows;
+            mesh = carry(mesh, "normal", rows, &origins, corners, [0.0; 3], Attribute::Vector)?;
         }
-        if has_colors {
-            mesh = carry(mesh, "color", self.colors, &origins, corners, [0; 3], Attribute::Color)?;
+        if self.colors.parts > 0 {
+            let rows = self.colors.rows;
+            mesh = carry(mesh, "color", rows, &origins, corners, [0; 3], Attribute::Color)?;
         }
-        let texture = self.texture.and_then(|(_, image)| image);
-        Ok((mesh.with_texture(texture.filter(|_| has_uv)), self.notes))
+        for (name, (kind, own)) in self.own {
+            let plain = name.trim_start_matches('_');
+            let is_taken = plain.is_empty()
+                || ["position", "normal", "color", "uv", "material"].contains(&plain)
+                || mesh.vertex().get(plain).is_some()
+                || mesh.corner().get(plain).is_some();
+            let name = if is_taken { &name } else { plain };
+            let attribute = |rows: Column<[f64; 3]>| kind.attribute(&rows);
+            mesh = carry(mesh, name, own.rows, &origins, corners, [0.0; 3], attribute)?;
+        }
+        let materials = useful(self.materials.all);
+        if materials.len() > 1 {
+            mesh = mesh.with_face(MATERIAL, Attribute::Index(of_faces.into()))?;
+        }
+        Ok((mesh.with_materials(materials), self.notes))
     }
 }
 
-/// A picture whose colors are multiplied with a linear one.
-fn multiplied(image: &Image, factor: [f64; 3]) -> Image {
-    let table = factor.map(|factor| {
-        Vec::from_iter(
-            (0..=255).map(|level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor)),
-        )
-    });
-    let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
-    let pixels = Vec::from_iter(image.pixels().iter().map(color));
-    Image::new(image.width(), image.height(), pixels).expect("a picture of the same size")
+impl OwnKind {
+    fn attribute(self, rows: &[[f64; 3]]) -> Attribute {
+        let bytes = |row: &[f64; 3]| row.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8);
+        match self {
+            Self::Number => Attribute::Number(rows.iter().map(|row| row[0]).collect()),
+            Self::Index => Attribute::Index(rows.iter().map(|row| row[0] as u32).collect()),
+            Self::Pair => Attribute::Pair(rows.iter().map(|row| [row[0], row[1]]).collect()),
+            Self::Vector => Attribute::Vector(rows.iter().copied().collect()),
+            Self::Color => Attribute::Color(rows.iter().map(bytes).collect()),
+        }
+    }
 }
 
 /// Adds data of the file's vertices to a mesh: as they are for a cloud, else by way of the corners that were kept.

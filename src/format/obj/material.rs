@@ -1,34 +1,38 @@
-//! What an OBJ file says of pictures: it names files of materials (MTL), which name pictures.
+//! Materials of an OBJ file: it names files of materials (MTL), which name pictures. Names are relative to the file that they stand in.
 //!
-//! A mesh has one picture, so that of the first material with one is taken. Names are relative to the file that they stand in.
+//! Beside what Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995) has, the statements of physically based
+//! materials are known that exporters write: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_value::{Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
+
 use super::for_lines;
-use crate::words;
+use crate::{picture_file, words};
 
 /// Gives the content of a file by its name, relative to the folder of the OBJ file, or says why it cannot be had.
-pub type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
+pub(super) type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 
-/// The picture that belongs on the mesh of an OBJ file.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
-    /// Its name, relative to the folder of the OBJ file, and its content: a picture file, or something else.
-    pub file: Option<(String, Arc<[u8]>)>,
-    /// How it lies on the mesh.
-    pub layout: Layout,
-    /// What the user should know, in sentences: files that cannot be had, and materials that are left out.
-    pub doubts: Vec<String>,
+/// The materials that an OBJ file uses.
+#[derive(Default)]
+pub(super) struct Found {
+    /// One for each name, or one if there is no name.
+    pub(super) materials: Vec<Material>,
+    /// How the pictures of each lie: those on the attributes `uv`, `uv1`, ..
+    pub(super) layouts: Vec<Vec<Layout>>,
+    /// What the user should know.
+    pub(super) doubts: Vec<String>,
 }
 
 /// How a picture lies on a mesh: texture coordinates are multiplied by the scale, and the offset is added.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layout {
+pub(super) struct Layout {
     /// The option `-s` of u and v.
-    pub scale: [f64; 2],
+    pub(super) scale: [f64; 2],
     /// The option `-o` of u and v.
-    pub offset: [f64; 2],
+    pub(super) offset: [f64; 2],
 }
 
 impl Default for Layout {
@@ -37,57 +41,252 @@ impl Default for Layout {
     }
 }
 
-/// The picture on the mesh of an OBJ file: `map_Kd` of the first material in use that has one, or `map_Ka` where it has no other. What is asked of
-/// `find` depends on the contents of the files alone.
-pub fn picture(bytes: &[u8], find: Find<'_>) -> Picture {
-    let mut found = Picture::default();
-    let [libraries, used] = rests(bytes, ["mtllib", "usemtl"]);
-    let mut materials = Vec::new();
-    for library in &libraries {
+impl Layout {
+    pub(super) fn apply(&self, uv: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| uv[k] * self.scale[k] + self.offset[k])
+    }
+}
+
+/// Options of a picture.
+#[derive(Debug, PartialEq)]
+struct Options {
+    layout: Layout,
+    strength: f64,
+    is_clamped: bool,
+    channel: Option<usize>,
+    /// Those that change the picture and are not known.
+    lost: Vec<String>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let lost = Vec::new();
+        Self { layout: Layout::default(), strength: 1.0, is_clamped: false, channel: None, lost }
+    }
+}
+
+/// The materials of these names, or of any name if none is given: then the first one with a picture. `libraries` are the rests of lines
+/// `mtllib`. Without texture coordinates, pictures are left out.
+pub(super) fn materials(
+    libraries: &[String],
+    used: &[String],
+    has_uv: bool,
+    find: Find<'_>,
+) -> Found {
+    let mut found = Found::default();
+    let mut all = Vec::new();
+    for library in libraries {
         match find_libraries(library, find) {
             Ok(files) => {
-                materials
-                    .extend(files.iter().flat_map(|(name, bytes)| read_materials(bytes, name)));
+                all.extend(files.iter().flat_map(|(name, bytes)| read_materials(bytes, name)));
             }
             Err(why) => found.doubts.push(format!("{why}: the mesh comes without its materials")),
         }
     }
+    if libraries.is_empty() || !found.doubts.is_empty() && all.is_empty() {
+        return found;
+    }
     // A name may have a `#`, and a comment may follow it.
     let is_of = |text: &str, name: &str| spellings(text).any(|spelling| spelling == name);
-    let is_known = |name: &&String| materials.iter().any(|one| is_of(name, &one.name));
-    let unknown = used.iter().find(|name| !is_known(name));
-    let unknown = unknown.filter(|_| !libraries.is_empty() && found.doubts.is_empty());
-    if !used.is_empty() {
-        let place = |material: &Material| used.iter().position(|name| is_of(name, &material.name));
-        materials.retain(|material| place(material).is_some());
-        materials.sort_by_key(place);
+    let mut files = Files { find, known: BTreeMap::new(), has_uv, doubts: Vec::new() };
+    if used.is_empty() {
+        let first = all.iter().find(|material| material.base_color().is_some());
+        let made = first.map(|material| files.material(material));
+        (found.materials, found.layouts) = made.into_iter().unzip();
     }
-    let mut pictures = Vec::from_iter(materials.iter().filter_map(|one| one.picture.as_ref()));
-    pictures.dedup();
-    let Some(&first) = pictures.first() else {
-        found.doubts.extend(unknown.map(|name| {
-            let files = Vec::from_iter(libraries.iter().map(|library| format!("`{library}`")));
-            let files = files.join(", ");
-            format!("there is no material `{name}` in {files}: the mesh comes without its picture")
-        }));
-        return found;
-    };
-    if materials.iter().any(|material| material.picture.as_ref() != Some(first)) {
-        found.doubts.push(format!(
-            "the mesh has {} materials, but shows one picture, `{}`, also where another one or none belongs",
-            materials.len(),
-            first.folder.join(&first.name).display()
-        ));
+    for name in used {
+        let material = all.iter().find(|material| is_of(name, &material.name));
+        let (material, layouts) = match material {
+            Some(material) => files.material(material),
+            None => {
+                let all = Vec::from_iter(libraries.iter().map(|library| format!("`{library}`")));
+                files.doubts.push(format!("there is no material `{name}` in {}", all.join(", ")));
+                (Material::default(), Vec::new())
+            }
+        };
+        found.materials.push(material);
+        found.layouts.push(layouts);
     }
-    match find_first(spellings(&first.name).map(|name| first.folder.join(name)), find) {
-        Ok(file) => found.file = Some(file),
-        Err(why) => found.doubts.push(format!("{why}: the mesh comes without its picture")),
-    }
-    found.layout = first.layout;
-    found.doubts.extend(first.lost.iter().map(|option| {
-        format!("the option `{option}` of the picture `{}` is left out", first.name)
-    }));
+    found.doubts.append(&mut files.doubts);
     found
+}
+
+/// Pictures that materials name.
+struct Files<'a> {
+    find: Find<'a>,
+    /// By their name: how it was found, and what is in it; none if it cannot be had.
+    known: BTreeMap<PathBuf, Option<(String, Arc<[u8]>)>>,
+    has_uv: bool,
+    doubts: Vec<String>,
+}
+
+impl Files<'_> {
+    /// The file of a picture, if it is there.
+    fn file(&mut self, folder: &Path, name: &str) -> Option<(String, Arc<[u8]>)> {
+        let key = folder.join(name);
+        if !self.known.contains_key(&key) {
+            let found = find_first(spellings(name).map(|name| folder.join(name)), self.find);
+            let found = found.and_then(|(name, bytes)| match picture_file::Kind::of(&bytes) {
+                Some(_) => Ok((name, bytes)),
+                None => match picture_file::read(&bytes) {
+                    Err(error) => Err(format!("{name}: {error}")),
+                    Ok(_) => Ok((name, bytes)),
+                },
+            });
+            let found = found.map_err(|why| {
+                self.doubts.push(format!("{why}: the mesh comes without its picture"));
+            });
+            self.known.insert(key.clone(), found.ok());
+        }
+        self.known[&key].clone()
+    }
+
+    /// What a material of MTL says, and how its pictures lie.
+    fn material(&mut self, from: &MtlMaterial) -> (Material, Vec<Layout>) {
+        let mut material = Material { name: from.name.clone(), ..Material::default() };
+        let (mut layouts, mut shine) = (Vec::new(), None);
+        let mut color = None;
+        for (keyword, rest) in &from.statements {
+            let numbers = rest.split_whitespace().map_while(|word| word.parse::<f64>().ok());
+            let numbers = Vec::from_iter(numbers.filter(|number| number.is_finite()));
+            let own = keyword.to_ascii_lowercase();
+            match (&own[..], &numbers[..]) {
+                // A gray has one number.
+                ("kd", [red, green, blue, ..]) => color = Some([*red, *green, *blue]),
+                ("kd", [gray]) => color = Some([*gray; 3]),
+                ("ke", [red, green, blue, ..]) => material.emissive = [*red, *green, *blue],
+                ("d", [opacity]) => material.base_color[3] = *opacity,
+                ("tr", [clear]) => material.base_color[3] = 1.0 - clear,
+                ("pr", [rough]) => material.roughness = *rough,
+                ("pm", [metal]) => material.metallic = *metal,
+                ("ns", [exponent]) => {
+                    shine = Some(*exponent);
+                    material.others.insert(keyword.clone(), rest.clone());
+                }
+                _ if is_picture(&own) => {}
+                _ => drop(material.others.insert(keyword.clone(), rest.clone())),
+            }
+        }
+        let has = |wanted: &str| {
+            from.statements.iter().any(|(keyword, _)| keyword.eq_ignore_ascii_case(wanted))
+        };
+        if let Some(shine) = shine.filter(|_| !has("pr") && !has("map_pr")) {
+            // As Blender has it.
+            material.roughness = 1.0 - (shine.clamp(0.0, 1000.0) / 1000.0).sqrt();
+        }
+        if material.base_color[3] < 1.0 {
+            material.transparency = Transparency::Blend;
+        }
+        if !self.has_uv {
+            if let Some((_, rest)) = from.base_color() {
+                let name = options(rest).0;
+                self.doubts.push(format!(
+                    "the picture `{name}` is left out: the mesh has no texture coordinates"
+                ));
+            }
+        } else {
+            for (kinds, rest) in from.maps() {
+                self.add_map(&mut material, &mut layouts, from, kinds, rest);
+            }
+        }
+        match color {
+            // Exporters write any color beside a picture, which most programs show alone.
+            Some(color) if material.picture.is_some() => {
+                let words = color.map(|channel| channel.to_string()).join(" ");
+                material.others.insert("Kd".to_owned(), words);
+            }
+            Some(color) => material.base_color[..3].copy_from_slice(&color),
+            None => {}
+        }
+        (material, layouts)
+    }
+
+    /// Adds the picture of a statement.
+    fn add_map(
+        &mut self,
+        material: &mut Material,
+        layouts: &mut Vec<Layout>,
+        from: &MtlMaterial,
+        kinds: Vec<(MapKind, Option<u8>)>,
+        rest: &str,
+    ) {
+        let (name, options) = options(rest);
+        let name = name.replace('\\', "/");
+        let Some((name, bytes)) = self.file(&from.folder, &name) else { return };
+        let is_color = kinds[0].0 == MapKind::BaseColor;
+        if is_color {
+            match picture_file::read(&bytes) {
+                Ok(picture) => material.picture = Some(picture),
+                Err(error) => {
+                    let doubt = format!("{name}: {error}: the mesh comes without its picture");
+                    return self.doubts.push(doubt);
+                }
+            }
+        }
+        let Layout { scale, offset } = options.layout;
+        let place = layouts.iter().position(|it| *it == options.layout).unwrap_or_else(|| {
+            layouts.push(options.layout);
+            layouts.len() - 1
+        });
+        let short = name.rsplit('/').next().unwrap_or(&name);
+        self.doubts.extend(
+            options.lost.iter().map(|option| {
+                format!("the option `{option}` of the picture `{short}` is left out")
+            }),
+        );
+        let mut map = Map::new(short, bytes.to_vec());
+        map.strength = options.strength;
+        map.uv = if place == 0 { "uv".to_owned() } else { format!("uv{place}") };
+        let offset = [offset[0], 1.0 - scale[1] - offset[1]];
+        map.transform = UvTransform { offset, scale, rotation: 0.0 };
+        if options.is_clamped {
+            map.wrap = [Wrap::Clamp; 2];
+        }
+        for (kind, channel) in kinds {
+            let is_known = |kind| material.maps.get(&kind).is_some_and(|it| it.bytes == map.bytes);
+            let kind = match kind {
+                MapKind::Other(keyword) if is_bump(&keyword) && is_known(MapKind::Normal) => {
+                    continue;
+                }
+                MapKind::Other(keyword) if is_bump(&keyword) && is_of_normals(&bytes) => {
+                    MapKind::Normal
+                }
+                // The same picture has the opacity of the color.
+                MapKind::Other(keyword) if keyword.eq_ignore_ascii_case("map_d") => {
+                    let is_same = is_known(MapKind::BaseColor);
+                    material.transparency = Transparency::Blend;
+                    if is_same {
+                        continue;
+                    }
+                    MapKind::Other(keyword)
+                }
+                kind => kind,
+            };
+            let channel = options.channel.map(|channel| channel as u8).or(channel);
+            material.maps.entry(kind).or_insert_with(|| Map { channel, ..map.clone() });
+        }
+    }
+}
+
+/// Whether the colors of a picture are those of normals, which point away from the surface: blue.
+fn is_of_normals(bytes: &[u8]) -> bool {
+    let Ok(picture) = picture_file::read(bytes) else { return false };
+    let mean = |picture: &Image, channel: usize| {
+        let sum: f64 = picture.pixels().iter().map(|pixel| f64::from(pixel[channel])).sum();
+        sum / picture.pixels().len().max(1) as f64
+    };
+    let [red, green, blue] = [0, 1, 2].map(|channel| mean(&picture, channel));
+    blue > 180.0 && (red - 127.5).abs() < 40.0 && (green - 127.5).abs() < 40.0
+}
+
+fn is_bump(keyword: &str) -> bool {
+    ["bump", "map_bump"].iter().any(|it| keyword.eq_ignore_ascii_case(it))
+}
+
+/// Whether a statement, in small letters, names a picture.
+fn is_picture(keyword: &str) -> bool {
+    keyword.starts_with("map_") && keyword != "map_aat"
+        || ["bump", "disp", "decal", "refl", "norm"].contains(&keyword)
 }
 
 /// What a text may name: the whole of it, without quotes, or what stands before a comment.
@@ -143,56 +342,99 @@ fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, String> {
     }
 }
 
-/// A material and its picture.
-struct Material {
+/// A material as its file has it.
+struct MtlMaterial {
     name: String,
-    picture: Option<Map>,
-}
-
-/// A picture that a material names.
-#[derive(Clone, PartialEq)]
-struct Map {
     /// The folder of the file of materials, relative to that of the OBJ file.
     folder: PathBuf,
-    /// Its name, relative to that folder, and perhaps a comment.
-    name: String,
-    layout: Layout,
-    /// Options that change the picture and are not known.
-    lost: Vec<String>,
-    /// Of ambient light: only where the material has no other.
-    is_ambient: bool,
+    /// First words of lines and what follows them.
+    statements: Vec<(String, String)>,
+}
+
+impl MtlMaterial {
+    /// The statement with the picture of its color: that of ambient light only where it has no other.
+    fn base_color(&self) -> Option<&(String, String)> {
+        let last = |wanted: &str| {
+            let mut all = self.statements.iter().rev();
+            all.find(|(keyword, _)| keyword.eq_ignore_ascii_case(wanted))
+        };
+        last("map_Kd").or(last("map_Ka"))
+    }
+
+    /// What its pictures say, with the channel that counts, and the rests of their statements; the picture of its color is the first one.
+    fn maps(&self) -> Vec<(Vec<(MapKind, Option<u8>)>, &str)> {
+        let base = self.base_color();
+        let first = base.map(|(_, rest)| (vec![(MapKind::BaseColor, None)], &rest[..]));
+        let others = self.statements.iter().filter(|it| base.is_none_or(|base| base != *it));
+        let others = others.filter_map(|(keyword, rest)| {
+            use MapKind::{Emissive, Metallic, Normal, Occlusion, Other, Roughness};
+            let own = keyword.to_ascii_lowercase();
+            let kinds = match &own[..] {
+                "map_kd" => return None,
+                "map_ke" | "map_emissive" => vec![(Emissive, None)],
+                "map_pr" => vec![(Roughness, None)],
+                "map_pm" => vec![(Metallic, None)],
+                "map_ao" => vec![(Occlusion, None)],
+                "norm" | "map_norm" | "map_kn" => vec![(Normal, None)],
+                "map_orm" => vec![(Occlusion, Some(0)), (Roughness, Some(1)), (Metallic, Some(2))],
+                "map_rma" => vec![(Roughness, Some(0)), (Metallic, Some(1)), (Occlusion, Some(2))],
+                _ if is_picture(&own) => vec![(Other(keyword.clone()), None)],
+                _ => return None,
+            };
+            Some((kinds, &rest[..]))
+        });
+        // A picture of normals by that name comes before a bump that may be one.
+        let mut others = Vec::from_iter(others);
+        others.sort_by_key(|(kinds, _)| matches!(kinds[0].0, MapKind::Other(_)));
+        first.into_iter().chain(others).collect()
+    }
 }
 
 /// The materials in the MTL file of this name.
-fn read_materials(bytes: &[u8], library: &str) -> Vec<Material> {
-    let mut materials: Vec<Material> = Vec::new();
-    let folder = Path::new(library).parent().unwrap_or(Path::new(""));
+fn read_materials(bytes: &[u8], library: &str) -> Vec<MtlMaterial> {
+    let mut materials: Vec<MtlMaterial> = Vec::new();
+    let folder = Path::new(library).parent().unwrap_or(Path::new("")).to_owned();
     each_rest(bytes, |keyword, rest| {
-        let is = |word: &[u8]| keyword.eq_ignore_ascii_case(word);
-        if is(b"newmtl") {
-            materials.push(Material { name: rest.to_owned(), picture: None });
-        }
-        let is_ambient = is(b"map_Ka");
-        let Some(material) = materials.last_mut().filter(|_| is_ambient || is(b"map_Kd")) else {
-            return;
-        };
-        if !is_ambient || material.picture.as_ref().is_none_or(|picture| picture.is_ambient) {
-            let (name, layout, lost) = options(rest);
-            let name = name.replace('\\', "/");
-            let folder = folder.to_owned();
-            material.picture = Some(Map { folder, name, layout, lost, is_ambient });
+        let keyword = String::from_utf8_lossy(keyword);
+        if keyword.eq_ignore_ascii_case("newmtl") {
+            let (name, folder) = (rest.to_owned(), folder.clone());
+            materials.push(MtlMaterial { name, folder, statements: Vec::new() });
+        } else if let Some(material) = materials.last_mut() {
+            material.statements.push((keyword.into_owned(), rest.to_owned()));
         }
     });
     materials
 }
 
+/// What follows `mtllib` and `usemtl` in the lines of an OBJ file.
+pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
+    let mut found = [Vec::new(), Vec::new()];
+    let read = |text: &[u8], _| {
+        let text = text.trim_ascii_start();
+        // Most lines of a mesh are vertices and faces.
+        for (keyword, found) in [&b"mtllib"[..], b"usemtl"].into_iter().zip(&mut found) {
+            if let Some(rest) = text.strip_prefix(keyword)
+                && rest.first().is_some_and(u8::is_ascii_whitespace)
+            {
+                found.push(String::from_utf8_lossy(rest).trim().to_owned());
+            }
+        }
+        Ok(())
+    };
+    for_lines(bytes, read).expect("no line is an error");
+    found
+}
+
 /// The name of a picture behind its options, such as `-s 1 1 1` and `-clamp on`: a word, at least one word that is its value, and what is a number or `on`
 /// or `off` behind that. How the picture lies, and options that would change it and are not known.
-fn options(mut rest: &str) -> (&str, Layout, Vec<String>) {
-    let (mut layout, mut lost) = (Layout::default(), Vec::new());
+fn options(mut rest: &str) -> (&str, Options) {
+    let mut found = Options::default();
     let is_value = |word: &str| word.parse::<f64>().is_ok() || matches!(word, "on" | "off");
     let cut = |rest: &str| {
         rest.split_once(char::is_whitespace).map(|(word, rest)| (word.to_owned(), rest.len()))
+    };
+    let set = |to: &mut [f64; 2], numbers: &mut dyn Iterator<Item = f64>| {
+        to.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
     };
     while rest.starts_with('-') {
         let Some((option, left)) = cut(rest) else { break };
@@ -209,38 +451,26 @@ fn options(mut rest: &str) -> (&str, Layout, Vec<String>) {
         }
         rest = behind;
         let numbers = Vec::from_iter(values.iter().filter_map(|word| word.parse::<f64>().ok()));
-        let numbers = numbers.into_iter().filter(|number| number.is_finite()).take(2);
+        let mut numbers = numbers.into_iter().filter(|number| number.is_finite()).take(2);
         match &*option {
-            "-s" => layout.scale.iter_mut().zip(numbers).for_each(|(to, number)| *to = number),
-            "-o" => layout.offset.iter_mut().zip(numbers).for_each(|(to, number)| *to = number),
-            // How pixels are blended, and where the picture ends.
-            "-blendu" | "-blendv" | "-boost" | "-bm" | "-cc" | "-clamp" | "-imfchan"
-            | "-texres" | "-type" => {}
-            _ => lost.push(format!("{option} {}", values.join(" "))),
+            "-s" => set(&mut found.layout.scale, &mut numbers),
+            "-o" => set(&mut found.layout.offset, &mut numbers),
+            "-bm" => found.strength = numbers.next().unwrap_or(1.0),
+            "-clamp" => found.is_clamped = values[0] == "on",
+            "-imfchan" => found.channel = ["r", "g", "b"].iter().position(|it| *it == values[0]),
+            // How pixels are blended.
+            "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => {}
+            _ => found.lost.push(format!("{option} {}", values.join(" "))),
         }
     }
-    (rest, layout, lost)
+    (rest, found)
 }
 
-/// What follows these keywords in the lines of a text.
-fn rests<const N: usize>(bytes: &[u8], keywords: [&str; N]) -> [Vec<String>; N] {
-    let mut found = keywords.map(|_| Vec::new());
-    each_rest(bytes, |keyword, rest| {
-        if let Some(k) = keywords.iter().position(|known| known.as_bytes() == keyword) {
-            found[k].push(rest.to_owned());
-        }
-    });
-    found
-}
-
-/// Calls `each` with the first word of every line that may name a material, and with what follows it: names may have blanks.
+/// Calls `each` with the first word of every line, and with what follows it: names may have blanks.
 fn each_rest(bytes: &[u8], mut each: impl FnMut(&[u8], &str)) {
     let read = |text: &[u8], _| {
         let text = text.trim_ascii();
-        // Most lines of a mesh are vertices and faces.
-        if matches!(text.first(), Some(b'm' | b'u' | b'n' | b'M' | b'N'))
-            && let Some(keyword) = words(text).next()
-        {
+        if let Some(keyword) = words(text).next().filter(|keyword| !keyword.starts_with(b"#")) {
             each(keyword, String::from_utf8_lossy(&text[keyword.len()..]).trim());
         }
         Ok(())
@@ -255,15 +485,22 @@ mod tests {
     const MESH: &[u8] =
         b"mtllib my things/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n";
 
-    /// What is found with these files, and which were asked for.
+    /// The pictures of color that are found with these files, what is told, and which files were asked for. Pictures have one pixel.
     fn found(mesh: &[u8], files: &[(&str, &str)]) -> (Option<String>, Vec<String>, Vec<String>) {
         let mut asked = Vec::new();
-        let found = picture(mesh, &mut |name| {
+        let picture = Image::new(1, 1, vec![[9; 3]]).unwrap();
+        let picture = crate::png::encode_rgb(&picture).unwrap();
+        let [libraries, mut used] = names(mesh);
+        used.dedup();
+        let found = materials(&libraries, &used, true, &mut |name| {
             asked.push(name.to_owned());
             let file = files.iter().find(|file| file.0 == name);
-            file.map(|file| file.1.as_bytes().into()).ok_or(format!("there is no file `{name}`"))
+            let bytes = file.ok_or(format!("there is no file `{name}`"))?.1.as_bytes();
+            Ok(if bytes.is_empty() { &picture[..] } else { bytes }.into())
         });
-        (found.file.map(|file| file.0), found.doubts, asked)
+        let maps = found.materials.iter().filter_map(|it| it.maps.get(&MapKind::BaseColor));
+        let names = Vec::from_iter(maps.map(|map| map.file.clone())).join(", ");
+        (Some(names).filter(|names| !names.is_empty()), found.doubts, asked)
     }
 
     #[test]
@@ -271,7 +508,7 @@ mod tests {
         let material = "# of a scanner\nnewmtl other\nmap_Kd other.png\nnewmtl skin\nKd 1 1 1\nmap_Kd -s 1 1 1 -clamp on skin of all.jpg\n";
         let files = [("my things/a.mtl", material), ("my things/skin of all.jpg", "")];
         let (picture, doubts, asked) = found(MESH, &files);
-        assert_eq!(picture.as_deref(), Some("my things/skin of all.jpg"));
+        assert_eq!(picture.as_deref(), Some("skin of all.jpg"));
         assert_eq!(doubts, [""; 0]);
         assert_eq!(asked, ["my things/a.mtl", "my things/skin of all.jpg"]);
     }
@@ -304,9 +541,11 @@ mod tests {
     #[test]
     fn options_say_how_a_picture_lies() {
         let told = |rest: &str| {
-            let (name, layout, lost) = options(rest);
+            let (name, Options { layout, lost, .. }) = options(rest);
             (name.to_owned(), layout.scale, layout.offset, lost)
         };
+        let (_, bump) = options("-bm 0.5 -clamp on -imfchan g a.png");
+        assert_eq!((bump.strength, bump.is_clamped, bump.channel), (0.5, true, Some(1)));
         let plain = |name: &str| (name.to_owned(), [1.0; 2], [0.0; 2], Vec::<String>::new());
         assert_eq!(told("-clamp on my skin.png"), plain("my skin.png"));
         assert_eq!(
@@ -330,16 +569,41 @@ mod tests {
     }
 
     #[test]
-    fn of_several_materials_the_first_picture_is_shown_and_the_user_told() {
+    fn each_material_keeps_what_its_file_says() {
         let mesh = [MESH, b"usemtl bare\nf 1/1 3/1 2/1\n"].concat();
         let files = [
-            ("my things/a.mtl", "newmtl bare\nnewmtl skin\nmap_Kd b.png\n"),
+            (
+                "my things/a.mtl",
+                "newmtl bare\nKd 1 0 0\nd 0.5\nNs 250\nillum 2\nnewmtl skin\nKd 0.8 0.8 0.8\nmap_Kd b.png\nmap_d b.png\n\
+                 map_ORM p.png\nnorm -bm 0.5 n.png\nmap_Ks s.png\n",
+            ),
             ("my things/b.png", ""),
+            ("my things/p.png", ""),
+            ("my things/n.png", ""),
+            ("my things/s.png", ""),
         ];
-        let (picture, doubts, _) = found(&mesh, &files);
-        assert_eq!(picture.as_deref(), Some("my things/b.png"));
-        let text = "the mesh has 2 materials, but shows one picture, `my things/b.png`, also where another one or none belongs";
-        assert_eq!(doubts, [text]);
+        assert_eq!(found(&mesh, &files).0.as_deref(), Some("b.png"));
+        let [libraries, used] = names(&mesh);
+        let picture = Image::new(1, 1, vec![[9; 3]]).unwrap();
+        let picture = crate::png::encode_rgb(&picture).unwrap();
+        let found = materials(&libraries, &used, true, &mut |name| {
+            let file = files.iter().find(|file| file.0 == name).unwrap();
+            Ok(if file.1.is_empty() { &picture[..] } else { file.1.as_bytes() }.into())
+        });
+        assert_eq!(found.doubts, [""; 0]);
+        let [skin, bare] = &found.materials[..] else { panic!("two materials") };
+        assert_eq!((bare.base_color, bare.roughness), ([1.0, 0.0, 0.0, 0.5], 0.5));
+        assert_eq!(bare.transparency, Transparency::Blend);
+        assert_eq!(bare.others["illum"], "2");
+        // The color beside a picture is kept for MTL alone.
+        assert_eq!((skin.base_color, &*skin.others["Kd"]), ([1.0; 4], "0.8 0.8 0.8"));
+        assert_eq!(skin.transparency, Transparency::Blend);
+        let channel = |kind: MapKind| skin.maps[&kind].channel;
+        use MapKind::{Metallic, Occlusion, Roughness};
+        assert_eq!([Occlusion, Roughness, Metallic].map(channel), [Some(0), Some(1), Some(2)]);
+        assert_eq!(skin.maps[&MapKind::Normal].strength, 0.5);
+        assert!(skin.maps.contains_key(&MapKind::Other("map_Ks".into())));
+        assert_eq!(skin.maps.len(), 6);
     }
 
     #[test]
@@ -352,8 +616,7 @@ mod tests {
     #[test]
     fn a_material_that_no_file_has_is_told() {
         let other = [("my things/a.mtl", "newmtl Skin\nmap_Kd b.png\n"), ("my things/b.png", "")];
-        let text =
-            "there is no material `skin` in `my things/a.mtl`: the mesh comes without its picture";
+        let text = "there is no material `skin` in `my things/a.mtl`";
         assert_eq!(
             found(MESH, &other),
             (None, vec![text.to_owned()], vec!["my things/a.mtl".to_owned()])

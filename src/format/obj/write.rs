@@ -9,13 +9,15 @@ use maquette_node::provenance::{Signature, comment_of_obj};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Column, Mesh, MeshError, Rgb};
+use maquette_value::{Attribute, Column, MATERIAL, Material, Mesh, MeshError, Rgb};
 
-use super::material::Layout;
-use crate::corners::split;
+use super::looks::{self, Looks, without_unused};
+use super::material::{Layout, materials, names};
+use crate::corners::{split, with_corners};
+use crate::glb::is_extension;
 use crate::left_out;
 use crate::upright::upright;
-use crate::{check_mesh, coarse_mesh, picture_file, png};
+use crate::{check_mesh, coarse_mesh};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(crate) struct MeshObj;
@@ -28,38 +30,41 @@ impl FileFormat for MeshObj {
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
         check_mesh(mesh)?;
-        let Some(texture) = mesh.texture() else {
-            return Ok(NewFile::only(name, encode(mesh, String::new()).into_bytes()));
-        };
+        if mesh.materials().is_empty() {
+            return Ok(NewFile::only(name, encode(mesh, String::new(), &[]).into_bytes()));
+        }
         let stem = companion_stem(name);
-        let [material, picture] = ["mtl", "png"].map(|ending| format!("{stem}.{ending}"));
-        let text =
-            format!("newmtl material\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture}\n");
-        let start = format!("mtllib {material}\nusemtl material\n");
-        Ok(vec![
-            NewFile { name: name.to_owned(), bytes: encode(mesh, start).into_bytes() },
-            NewFile { name: material, bytes: text.into_bytes() },
-            NewFile { name: picture, bytes: png::encode_rgb(texture)? },
-        ])
+        let looks = Looks::of(mesh, &stem)?;
+        let names = &looks.names[..];
+        let start = match names {
+            [only] => format!("mtllib {stem}.mtl\nusemtl {only}\n"),
+            _ => format!("mtllib {stem}.mtl\n"),
+        };
+        let bytes = encode(mesh, start, names).into_bytes();
+        let material = NewFile { name: format!("{stem}.mtl"), bytes: looks.text.into_bytes() };
+        let files = [NewFile { name: name.to_owned(), bytes }, material];
+        Ok(files.into_iter().chain(looks.pictures).collect())
     }
 
     fn content<'a>(
         mesh: &'a Mesh,
         signature: Option<&Signature>,
     ) -> Result<Option<Content<'a>>, Error> {
-        if mesh.texture().is_some() {
+        if !mesh.materials().is_empty() {
             return Ok(None);
         }
         let mesh = &*upright(mesh)?;
         check_mesh(mesh)?;
         let comment = signature.map(|signature| comment_of_obj(&signature.words));
-        Ok(Some(encode(mesh, comment.unwrap_or_default())))
+        Ok(Some(encode(mesh, comment.unwrap_or_default(), &[])))
     }
 
     fn doubts(mesh: &Mesh) -> Vec<String> {
         coarse_mesh(mesh)
             .into_iter()
             .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(left_out::of_materials(mesh, |name| !is_extension(name)))
+            .chain(looks::doubts(mesh))
             .collect()
     }
 }
@@ -96,9 +101,11 @@ impl Reference {
     }
 }
 
-/// All lines of a mesh, behind those that are given.
-fn encode(mesh: &Mesh, start: String) -> Content<'static> {
-    let colors = mesh.vertex().colors("color").filter(|_| mesh.texture().is_none());
+/// All lines of a mesh, behind those that are given; `materials` are the names of the materials of faces.
+fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> {
+    let colors = mesh.vertex().colors("color").filter(|_| looks::shows_colors(mesh));
+    let numbers = mesh.face_materials().filter(|_| materials.len() > 1);
+    let material = |face: usize| numbers.map(|all| mesh.known_material(all[face]));
     let mut text = vec![start.into_bytes()];
     text.extend(lines(mesh.positions().len(), |text, index| {
         push_floats(text, "v", mesh.positions()[index].coords.as_slice());
@@ -115,6 +122,11 @@ fn encode(mesh: &Mesh, start: String) -> Content<'static> {
     text.extend(lines(uv.0.len(), |text, index| push_floats(text, "vt", &uv.0[index])));
     text.extend(lines(normals.0.len(), |text, index| push_floats(text, "vn", &normals.0[index])));
     text.extend(lines(mesh.faces().len(), |text, face| {
+        if let Some(number) = material(face)
+            && (face == 0 || material(face - 1) != Some(number))
+        {
+            text.extend_from_slice(format!("usemtl {}\n", materials[number as usize]).as_bytes());
+        }
         text.push(b'f');
         for (corner, &vertex) in (mesh.faces().first_corner(face)..).zip(mesh.faces().face(face)) {
             text.push(b' ');
@@ -210,18 +222,49 @@ fn push_index(text: &mut Vec<u8>, index: u32) {
         .expect("numbers are JSON, and a vector takes all bytes");
 }
 
-/// The mesh with its texture coordinates where a picture of this layout wants them.
-fn laid(mesh: Mesh, layout: Layout) -> Result<Mesh, MeshError> {
-    if layout == Layout::default() {
-        return Ok(mesh);
-    }
-    let lay = |uv: &Column<[f64; 2]>| {
-        let place = |k: usize, x: f64| x * layout.scale[k] + layout.offset[k];
-        Attribute::Pair(uv.iter().map(|uv| [place(0, uv[0]), place(1, uv[1])]).collect())
+/// The mesh with the texture coordinates that the pictures of its materials want; `layouts` has those of each material, and faces have the
+/// numbers of their materials.
+fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
+    let plain = mesh.clone();
+    let (vertex, corner) = (plain.vertex().pairs("uv"), plain.corner().pairs("uv"));
+    let sets = layouts.iter().map(Vec::len).max().unwrap_or(0);
+    let numbers = match plain.face().get(MATERIAL) {
+        Some(Attribute::Index(numbers)) => Some(numbers),
+        _ => None,
     };
-    let (vertex, corner) = (mesh.vertex().pairs("uv").map(lay), mesh.corner().pairs("uv").map(lay));
-    let mesh = vertex.into_iter().try_fold(mesh, |mesh, uv| mesh.with_vertex("uv", uv))?;
-    corner.into_iter().try_fold(mesh, |mesh, uv| mesh.with_corner("uv", uv))
+    for set in 0..sets {
+        let name = if set == 0 { "uv".to_owned() } else { format!("uv{set}") };
+        let layout = |material: usize| {
+            layouts.get(material).and_then(|all| all.get(set)).copied().unwrap_or_default()
+        };
+        let first = layout(0);
+        let is_one = numbers.is_none() || (1..=layouts.len()).all(|number| layout(number) == first);
+        if is_one && set == 0 && first == Layout::default() {
+            continue;
+        }
+        let all =
+            |uv: &Column<[f64; 2]>| Attribute::Pair(uv.iter().map(|&uv| first.apply(uv)).collect());
+        mesh = match (vertex, corner) {
+            (Some(uv), _) if is_one => mesh.with_vertex(&name, all(uv))?,
+            (None, Some(uv)) if is_one => mesh.with_corner(&name, all(uv))?,
+            (None, None) => mesh,
+            _ => {
+                let mut moved = Vec::with_capacity(mesh.faces().corners().len());
+                for (face, corners) in plain.faces().iter().enumerate() {
+                    let layout = layout(numbers.map_or(0, |all| all[face] as usize));
+                    for &of in corners {
+                        let uv = match (vertex, corner) {
+                            (Some(uv), _) => uv[of as usize],
+                            (None, uv) => uv.map_or([0.0; 2], |uv| uv[moved.len()]),
+                        };
+                        moved.push(layout.apply(uv));
+                    }
+                }
+                with_corners(mesh.without(&name), &name, moved, [0.0; 2], Attribute::Pair)?
+            }
+        };
+    }
+    Ok(mesh)
 }
 
 impl FileReader for MeshObj {
@@ -230,18 +273,30 @@ impl FileReader for MeshObj {
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ_READ;
 
     fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        let (mesh, notes) = super::read_noted(file.bytes(), file.color_range())?;
+        let (mesh, notes, used) = super::read_noted(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.doubt(note));
-        let found = super::picture(file.bytes(), &mut |name| file.companion(name));
+        let has_uv = [mesh.vertex(), mesh.corner()].iter().any(|it| it.pairs("uv").is_some());
+        let [libraries, _] = names(file.bytes());
+        let found = materials(&libraries, &used, has_uv, &mut |name| file.companion(name));
         found.doubts.into_iter().for_each(|doubt| file.doubt(doubt));
-        Ok(match found.file {
-            Some((name, _)) => picture_file::on_mesh(laid(mesh, found.layout)?, &name, file),
-            None => mesh,
+        let mut all = found.materials;
+        let has_several = mesh.face().get(MATERIAL).is_some();
+        if has_several && !all.is_empty() {
+            // Of faces before the first line `usemtl`.
+            all.push(Material::default());
+        }
+        let mesh = laid(mesh, &found.layouts)?;
+        Ok(match all.len() {
+            0 => mesh.without_face(MATERIAL),
+            _ => without_unused(mesh.with_materials(all)),
         })
     }
 
-    const COMPANIONS: Option<fn(&Reading<'_>)> =
-        Some(|file| drop(super::picture(file.bytes(), &mut |name| file.companion(name))));
+    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
+        let find = &mut |name: &str| file.companion(name);
+        let [libraries, used] = names(file.bytes());
+        materials(&libraries, &used, true, find);
+    });
 }
 
 #[cfg(test)]
@@ -299,7 +354,7 @@ mod tests {
         assert_eq!(names, ["my.model.obj", "my.model.mtl", "my.model.png"]);
         assert!(files[0].bytes.starts_with(b"mtllib my.model.mtl\nusemtl material\nv "));
         assert!(files[1].bytes.ends_with(b"map_Kd my.model.png\n"));
-        assert_eq!(png::read(&files[2].bytes).unwrap(), image);
+        assert_eq!(crate::png::read(&files[2].bytes).unwrap(), image);
     }
 
     #[test]

@@ -266,6 +266,8 @@ fn attributes(
     }
     if rest(old).1 != rest(new).1 {
         reasons.push("the texture is another one".into());
+    } else if old.materials() != new.materials() {
+        reasons.push("the materials are others".into());
     }
     (measures, reasons)
 }

@@ -3,7 +3,7 @@
 use maquette_value::parallel::*;
 use maquette_value::random;
 use maquette_value::random::STEP;
-use maquette_value::{AnyValue, Attributes, Mesh, Points};
+use maquette_value::{AnyValue, Attributes, Faces, Mesh, Points};
 
 use crate::parts::{GoldenColumn, GoldenParts};
 
@@ -49,8 +49,11 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
         mix(mix(a.min(b), a.max(b)), sharpness.to_bits())
     });
     let creases: Vec<u64> = creases.collect();
-    let texture = mesh.texture().map_or(0, |texture| {
-        u64::from_le_bytes(maquette_value::hash_of(texture).0[..8].try_into().unwrap_or_default())
+    // The hash of a mesh that has nothing but the same materials.
+    let bare = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).ok();
+    let texture = bare.filter(|_| !mesh.materials().is_empty()).map_or(0, |bare| {
+        let hash = maquette_value::hash_of(&bare.with_materials(mesh.materials().clone()));
+        u64::from_le_bytes(hash.0[..8].try_into().unwrap_or_default())
     });
     let frame = mesh.frame().map_or(0, |frame| {
         let mut numbers =

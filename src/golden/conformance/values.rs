@@ -174,7 +174,8 @@ fn bare(part: &Part<'_>) -> Part<'static> {
 mod tests {
     use maquette_value::{
         Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, Faces, Image,
-        KnotVector, Mesh, On, Pinhole, Points, RangeImage, Region, Registration, Surface, TYPES,
+        KnotVector, MATERIAL, Map, MapKind, Material, Mesh, On, Pinhole, Points, RangeImage,
+        Region, Registration, Surface, TYPES, Transparency, Wrap,
     };
     use nalgebra::{Matrix4, Point3};
 
@@ -214,6 +215,24 @@ mod tests {
         mesh.with_texture(Some(texture.with_camera(Some(CAMERA)))).with_frame(Some(frame()))
     }
 
+    /// Two faces that look different, one by a picture in a file.
+    fn painted() -> Mesh {
+        let base = Map { wrap: [Wrap::Mirror, Wrap::Clamp], ..Map::new("a.png", vec![1, 2, 3]) };
+        let skin = Material {
+            name: "skin".to_owned(),
+            transparency: Transparency::Cutoff(0.25),
+            maps: [
+                (MapKind::BaseColor, base),
+                (MapKind::Other("map_Ks".into()), Map::new("", vec![])),
+            ]
+            .into(),
+            others: [("illum".to_owned(), "2".to_owned())].into(),
+            ..mesh().materials()[0].clone()
+        };
+        let numbers = Attribute::Index(vec![1, 0].into());
+        mesh().with_face(MATERIAL, numbers).unwrap().with_materials([skin, Material::default()])
+    }
+
     fn net() -> ControlNet {
         let chart = Chart {
             grid: [20, 10],
@@ -246,6 +265,7 @@ mod tests {
         let image = Image::new(2, 1, vec![[1, 2, 3]; 2]).unwrap().with_camera(Some(CAMERA));
         vec![
             AnyValue::new(mesh()),
+            AnyValue::new(painted()),
             AnyValue::new(net()),
             AnyValue::new(Surface::new(net(), knots(3), knots(4)).unwrap()),
             AnyValue::new(range),

@@ -285,19 +285,22 @@ export class Painter {
    * @param {Column} column
    * @param {[number, number]} size
    * @param {number} larger how its pixels are seen when they are larger than those of the canvas
+   * @param {import("./types").Texture["wrap"]} wrap
    */
-  #texture(column, [width, height], larger) {
+  #texture(column, [width, height], larger, wrap = ["Clamp", "Clamp"]) {
     const gl = this.gl;
     const isNew = column.copy === null || column.stale.length > 0;
     column.copy ??= gl.createTexture();
     column.stale = [];
     gl.bindTexture(gl.TEXTURE_2D, /** @type {WebGLTexture} */ (column.copy));
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, larger);
+    const wraps = { Repeat: gl.REPEAT, Mirror: gl.MIRRORED_REPEAT, Clamp: gl.CLAMP_TO_EDGE };
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, wraps[wrap[0]]);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, wraps[wrap[1]]);
     if (!isNew) return;
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, column.bytes);
     gl.generateMipmap(gl.TEXTURE_2D);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
-    for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
   }
 
   /**
@@ -412,7 +415,7 @@ export class Painter {
     gl.uniform1i(at("picture"), 0);
     gl.uniform1i(at("ramp"), 1);
     gl.activeTexture(gl.TEXTURE0);
-    if (shape.picture !== null && shape.texture) this.#texture(shape.picture, shape.texture.pixels.size, gl.LINEAR);
+    if (shape.picture !== null && shape.texture) this.#texture(shape.picture, shape.texture.pixels.size, gl.LINEAR, shape.texture.wrap);
     if (field !== undefined) {
       const { low, high, isSigned } = range ?? rangeOf(field);
       gl.uniform2f(at("range"), low, high);
@@ -432,7 +435,26 @@ export class Painter {
     if (byCorner) gl.drawArrays(gl.TRIANGLES, 0, count);
     else {
       this.buffer(shape.triangle, gl.ELEMENT_ARRAY_BUFFER);
-      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
+      if (paint !== PAINTS.texture || shape.stretches.length === 0) gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
+      else this.#stretches(shape);
+    }
+  }
+
+  /**
+   * Draws triangles that have different pictures, or none.
+   * @param {Shape} shape
+   */
+  #stretches(shape) {
+    const gl = this.gl;
+    const at = this.programs.faces.at;
+    let first = 0;
+    for (const [place, { count, texture }] of shape.stretches.entries()) {
+      const picture = shape.pictures[place] ?? null;
+      const own = picture !== null ? PAINTS.texture : shape.color !== null ? PAINTS.color : PAINTS.clay;
+      gl.uniform1i(at("paint"), own);
+      if (picture !== null && texture !== null) this.#texture(picture, texture.pixels.size, gl.LINEAR, texture.wrap);
+      gl.drawElements(gl.TRIANGLES, 3 * count, gl.UNSIGNED_INT, 12 * first);
+      first += count;
     }
   }
 

@@ -98,6 +98,7 @@ export class Scene {
       edge: at(`${k}.edge`),
       parameter: at(`${k}.parameter`),
       picture: at(`${k}.picture`),
+      pictures: shape.stretches.map((_, place) => at(`${k}.${place}.picture`)),
       field: at(`${k}.field`),
     }));
     this.picture = at("picture");
@@ -139,6 +140,7 @@ export function columnsOf(value, look) {
   for (const [k, shape] of (value.space?.shapes ?? []).entries()) {
     for (const column of NEEDED) put(`${k}.${column}`, shape[column]);
     put(`${k}.picture`, shape.texture?.pixels.column);
+    for (const [place, { texture }] of shape.stretches.entries()) put(`${k}.${place}.picture`, texture?.pixels.column);
     if (look.wire) put(`${k}.edge`, shape.edge);
     if (look.isolines) put(`${k}.parameter`, shape.parameter);
     put(`${k}.field`, fieldOf(shape, look)?.column);

@@ -74,11 +74,22 @@ export type ShapeOf<Column> = {
   uv: Column | null;
   edge: Column | null;
   parameter: Column | null;
-  texture: { size: [number, number]; pixels: Pixels } | null;
+  texture: Texture | null;
+  /** Where triangles have different pictures: those that follow each other with the same one. */
+  stretches: Stretch[];
   fields: ShapeField[];
   picture: Column | null;
+  /** The pictures of the stretches. */
+  pictures: (Column | null)[];
   field: Column | null;
 };
+
+export type Wrap = "Repeat" | "Mirror" | "Clamp";
+
+/** A picture, and how it goes on beyond its border in u and v. */
+export type Texture = { size: [number, number]; pixels: Pixels; wrap: [Wrap, Wrap] };
+
+export type Stretch = { count: number; texture: Texture | null };
 
 /** Places are measured from the center in units of the scale, in mm. */
 export type Space = {

@@ -6,7 +6,7 @@ use std::slice;
 
 use bytemuck::Pod;
 use maquette_value::parallel::*;
-use maquette_value::{Column, Mesh, hash_of};
+use maquette_value::{Column, Mesh};
 
 use super::{Leaning, Normals, Own, Paint, Ruler, Seen, Shape, Triangles};
 
@@ -14,14 +14,13 @@ impl Shape {
     /// What [`new`](Self::new) makes of this mesh, if it is the one here with some vertices elsewhere and there are as many vertices to be
     /// shown.
     pub(super) fn after(&self, mesh: &Mesh, is_solid: bool, ruler: Ruler) -> Option<Self> {
-        let texture = |mesh: &Mesh| mesh.texture().map(hash_of);
         let is_alike = !self.is_split && self.is_solid == is_solid && self.ruler == ruler;
         let can_lean = self.computed.is_some();
         if !is_alike || can_lean && mesh.faces().sides().is_none() {
             return None;
         }
         let moved =
-            mesh.moved_since(&self.mesh).filter(|_| texture(mesh) == texture(&self.mesh))?;
+            mesh.moved_since(&self.mesh).filter(|_| mesh.materials() == self.mesh.materials())?;
         let count = mesh.positions().len();
         // To change most of it takes as long as to make it.
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
@@ -88,6 +87,7 @@ impl Shape {
             colors: self.colors.as_ref().map(|colors| remade(colors, only, |k| seen.color(k))),
             uv: self.uv.as_ref().map(|uv| remade(uv, only, |k| seen.uv(k))),
             triangles,
+            stretches: self.stretches.clone(),
             fields: self.fields.clone(),
             origins,
             computed: normals.computed().cloned(),

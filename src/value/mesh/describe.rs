@@ -1,5 +1,6 @@
 //! What a mesh tells of itself: its hash, its size, its facts.
 
+use super::super::material;
 use super::super::{
     Attributes, CaptureFrame, DecodeError, Decoder, Elements, Encoder, Layer, Parts, PartsError,
     Property, Summary, Value,
@@ -16,11 +17,8 @@ impl Value for Mesh {
         self.vertex.encode(to);
         self.corner.encode(to);
         self.face.encode(to);
-        to.column(&self.creases)
-            .option(self.texture.as_ref(), |to, texture| {
-                to.value(texture);
-            })
-            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+        material::encode(&self.materials, to.column(&self.creases));
+        to.option(self.frame.as_ref(), |to, frame| frame.encode(to));
     }
 
     fn properties() -> &'static [Property<Self>] {
@@ -35,7 +33,7 @@ impl Value for Mesh {
             corner: Attributes::decode(from)?,
             face: Attributes::decode(from)?,
             creases: from.column()?,
-            texture: from.option(Decoder::value)?,
+            materials: material::decode(from)?.into(),
             frame: from.option(CaptureFrame::decode)?,
             known: Known::default(),
         })
@@ -48,7 +46,7 @@ impl Value for Mesh {
             + self.corner.size()
             + self.face.size()
             + self.creases.size()
-            + self.texture.as_ref().map_or(0, Value::size)
+            + material::size(&self.materials)
     }
 
     fn describe(&self) -> Summary {
@@ -79,10 +77,14 @@ impl Value for Mesh {
                 }),
             )
             .with("attributes", attributes.join(", "));
-        let summary = match &self.texture {
+        let summary = match self.texture() {
             Some(texture) => {
                 summary.with("texture", format!("{} x {}", texture.width(), texture.height()))
             }
+            None => summary,
+        };
+        let summary = match parts::names(&self.materials) {
+            Some(names) => summary.with("materials", names),
             None => summary,
         };
         describe_bounds(summary, self.positions.iter())

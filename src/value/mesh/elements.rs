@@ -103,7 +103,7 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]
         corner: mesh.corner.select(&Vec::from_iter(of_corners)),
         face: mesh.face.select(faces),
         creases: creases.into(),
-        texture: mesh.texture.clone(),
+        materials: mesh.materials.clone(),
         frame: mesh.frame,
         known: Known::default(),
     }

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 use super::{BLOCK, Mesh, bounds};
 use crate::column::WeakColumn;
 use crate::parallel::*;
-use crate::{Column, Encoder, Hash, Rgb};
+use crate::{Column, Encoder, Hash, Material, Rgb, material};
 
 mod after;
 mod spread;
@@ -128,16 +128,24 @@ impl Mesh {
         normals
     }
 
-    /// The colors of the picture at the vertices, if there is one and it is known where on it they are. A vertex on a seam takes the color of
-    /// one side. They are known as long as somebody keeps them.
+    /// The colors of the pictures at the vertices, if there is one and it is known where on it they are. A vertex on a seam takes the color of
+    /// one side; one of a face without a picture has its own color, or that of the material. They are known as long as somebody keeps them.
     pub fn texture_colors(&self) -> Option<Column<Rgb>> {
-        let texture = self.texture.as_ref().filter(|texture| !texture.pixels().is_empty())?;
+        let faces = self.face_materials();
+        let is_shown = match faces {
+            Some(_) => self.materials.iter().any(|it| it.shown().is_some()),
+            None => self.materials.first()?.shown().is_some(),
+        };
         let (vertex, corner) = (self.vertex.pairs("uv"), self.corner.pairs("uv"));
-        let uv = vertex.or(corner)?;
+        let uv = vertex.or(corner).filter(|_| is_shown)?;
+        let by_corner = vertex.is_none() || faces.is_some();
         let made_of = Encoder::hash("texture colors", |to| {
-            to.value(texture).column(uv).plain(&u8::from(vertex.is_some()));
-            if vertex.is_none() {
+            material::encode(&self.materials, to.plain(&u8::from(vertex.is_some())).column(uv));
+            if by_corner {
                 self.faces.encode(to);
+            }
+            if let Some(faces) = faces {
+                self.vertex.encode(to.column(faces));
             }
         });
         let known = lock(&self.known.colors).clone();
@@ -145,20 +153,32 @@ impl Mesh {
         if let Some(colors) = known.and_then(|Colors(_, colors)| colors.upgrade()) {
             return Some(colors);
         }
-        let of_corners;
-        let uv: &[[f64; 2]] = match vertex {
-            Some(uv) => uv,
-            None => {
-                let mut last = vec![[0.0; 2]; self.positions.len()];
-                for (&vertex, &uv) in self.faces.corners().iter().zip(&uv[..]) {
-                    last[vertex as usize] = uv;
-                }
-                of_corners = last;
-                &of_corners
+        let sample = |of: &Material, uv| of.sample(uv).map(|channel| channel.round() as u8);
+        let colors = if !by_corner {
+            let sample = |&uv: &[f64; 2]| sample(&self.materials[0], uv);
+            uv.par_iter().with_min_len(BLOCK).map(sample).collect::<Vec<_>>()
+        } else {
+            let mut last = vec![None; self.positions.len()];
+            let corners = self.faces.iter().enumerate().flat_map(|(face, corners)| {
+                corners.iter().map(move |&vertex| (face, vertex as usize))
+            });
+            for (corner, (face, of)) in corners.enumerate() {
+                last[of] = Some((face, uv[if vertex.is_some() { of } else { corner }]));
             }
+            let own = self.vertex.colors("color");
+            let color = |(vertex, last): (usize, &Option<(usize, [f64; 2])>)| {
+                let (material, uv) = match *last {
+                    Some((face, uv)) => (self.material_of(face), uv),
+                    None => (self.materials.first(), [0.0; 2]),
+                };
+                match (material, own) {
+                    (Some(material), _) if material.shown().is_some() => sample(material, uv),
+                    (_, Some(own)) => own[vertex],
+                    (material, None) => material.map_or([255; 3], Material::color),
+                }
+            };
+            last.par_iter().enumerate().with_min_len(BLOCK).map(color).collect()
         };
-        let sample = |&uv: &[f64; 2]| texture.sample(uv).map(|channel| channel.round() as u8);
-        let colors = uv.par_iter().with_min_len(BLOCK).map(sample).collect::<Vec<_>>();
         let colors = Column::from(colors);
         *lock(&self.known.colors) = Some(Colors(made_of, colors.downgrade()));
         Some(colors)

@@ -6,7 +6,10 @@ use super::{Faces, Mesh};
 use crate::Hash;
 use crate::frame::counts;
 use crate::hostile::clouds;
-use crate::{Attribute, CaptureFrame, Image, Layer, Meaning, On, Part, Parts, PartsError, Pinhole};
+use crate::{
+    Attribute, CaptureFrame, Decoder, Encoder, Image, Layer, Material, Meaning, On, Part, Parts,
+    PartsError, Pinhole, material,
+};
 
 /// Before the names of attributes of corners and faces; those of vertices are as they are.
 const OF_CORNER: &str = "corner ";
@@ -17,6 +20,9 @@ const TEXTURE: &str = "texture";
 const TEXTURE_SIZE: &str = "texture size";
 const TEXTURE_CAMERA: &str = "texture camera";
 
+/// The materials, if more is known than one picture: their bytes.
+const MATERIALS: &str = "materials";
+
 pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     let mut parts = Parts::default();
     let sides = mesh.faces.sides();
@@ -24,7 +30,11 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     parts.fact("vertices", mesh.positions.len());
     parts.fact("faces", mesh.faces.len());
     parts.fact("corners of a face", text(sides.map(|sides| sides.to_string()), "mixed"));
-    parts.fact("texture", text(mesh.texture.as_ref().map(in_words), "none"));
+    parts.fact("texture", text(mesh.texture().map(in_words), "none"));
+    if let Some(names) = names(&mesh.materials) {
+        let hash = Hash::of(&Encoder::bytes(|to| material::encode(&mesh.materials, to)));
+        parts.fact("materials", format!("{names}, {}", hash.short()));
+    }
     if let Some(frame) = &mesh.frame {
         frame.push(&mut parts);
     }
@@ -43,7 +53,7 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
         let creases = mesh.creases().flat_map(|([a, b], sharp)| [a.into(), b.into(), sharp]);
         parts.push("creases", On::Edge, Meaning::Number, 3, Vec::<f64>::from_iter(creases));
     }
-    if let Some(texture) = &mesh.texture {
+    if let Some(texture) = mesh.texture() {
         parts.push_aside(TEXTURE, On::Texel, Meaning::Level, 3, texture.pixels());
         let size = [texture.width(), texture.height()].map(|size| size as f64).to_vec();
         parts.push_aside(TEXTURE_SIZE, On::Whole, Meaning::Exact, 2, size);
@@ -52,8 +62,25 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
             parts.push_aside(TEXTURE_CAMERA, On::Whole, Meaning::Number, 4, numbers);
         }
     }
+    if names(&mesh.materials).is_some() {
+        let bytes = Encoder::bytes(|to| material::encode(&mesh.materials, to));
+        parts.push_aside(MATERIALS, On::Whole, Meaning::Exact, bytes.len(), bytes);
+    }
     parts
 }
+
+/// The names of materials, if more is known of them than one picture.
+pub(super) fn names(materials: &[Material]) -> Option<String> {
+    let is_more = materials.len() > 1 || materials.iter().any(|it| !it.is_plain());
+    let name =
+        |it: &Material| if it.name.is_empty() { "(no name)".into() } else { it.name.clone() };
+    is_more.then(|| Vec::from_iter(materials.iter().map(name)).join(", "))
+}
+
+/// A picture beside materials that is not that of the first one that has one.
+#[derive(Debug, thiserror::Error)]
+#[error("the part `{TEXTURE}` is not the picture in the part `{MATERIALS}`: leave one of them out")]
+struct OtherTexture;
 
 /// The size and the hash of a texture.
 fn in_words(texture: &Image) -> String {
@@ -93,7 +120,19 @@ pub(super) fn made_of(parts: &Parts<'_>) -> Result<Mesh, PartsError> {
         }
         mesh = mesh.with_creases(creases).map_err(PartsError::refused)?;
     }
-    Ok(mesh.with_texture(texture(parts)?).with_frame(CaptureFrame::of(parts)?))
+    let mesh = match of(On::Whole, MATERIALS) {
+        Some(part) => {
+            let bytes = part.with_width(part.items.len())?.small(u8::MAX)?;
+            let materials = Decoder::of_bytes(&bytes, material::decode);
+            let mesh = mesh.with_materials(materials.map_err(PartsError::refused)?);
+            if mesh.texture() != texture(parts)?.as_ref() {
+                return Err(PartsError::refused(OtherTexture));
+            }
+            mesh
+        }
+        None => mesh.with_texture(texture(parts)?),
+    };
+    Ok(mesh.with_frame(CaptureFrame::of(parts)?))
 }
 
 fn faces(corners: &Part<'_>, sides: Option<&Part<'_>>) -> Result<Faces, PartsError> {

@@ -1,0 +1,410 @@
+//! Materials of a GLB file as those of a mesh.
+
+use std::collections::{BTreeMap, HashMap};
+
+use maquette_value::{
+    Column, Image, Map, MapKind, Material, Rgb, Transparency, UvTransform, Wrap, linear_from_srgb,
+    srgb_from_linear,
+};
+use percent_encoding::percent_decode_str;
+use serde::Deserialize;
+use serde_json::Value as Json;
+
+use super::accessor::{Buffer, Document};
+use super::read::{Find, GlbReadError, way_out};
+use crate::picture_file;
+use crate::picture_kind::Kind;
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct GltfMaterial {
+    name: String,
+    pbr_metallic_roughness: Shading,
+    normal_texture: Option<TextureUse>,
+    occlusion_texture: Option<TextureUse>,
+    emissive_texture: Option<TextureUse>,
+    emissive_factor: [f64; 3],
+    alpha_mode: String,
+    alpha_cutoff: Option<f64>,
+    double_sided: bool,
+    extensions: Extensions,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Shading {
+    /// Linear, with an opacity.
+    base_color_factor: Option<[f64; 4]>,
+    base_color_texture: Option<TextureUse>,
+    metallic_factor: Option<f64>,
+    roughness_factor: Option<f64>,
+    metallic_roughness_texture: Option<TextureUse>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Extensions {
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    glossiness: Option<Glossiness>,
+    #[serde(flatten)]
+    others: BTreeMap<String, Json>,
+}
+
+/// The older way to say how light is reflected.
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Glossiness {
+    diffuse_factor: Option<[f64; 4]>,
+    diffuse_texture: Option<TextureUse>,
+    glossiness_factor: Option<f64>,
+    specular_glossiness_texture: Option<TextureUse>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct TextureUse {
+    index: usize,
+    #[serde(default)]
+    tex_coord: usize,
+    /// Of normals.
+    scale: Option<f64>,
+    /// Of occlusion.
+    strength: Option<f64>,
+    #[serde(default)]
+    extensions: TextureUseExtensions,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct TextureUseExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    transform: Option<Transform>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Transform {
+    offset: [f64; 2],
+    rotation: f64,
+    scale: [f64; 2],
+    /// In place of that of the use.
+    tex_coord: Option<usize>,
+}
+
+impl Default for Transform {
+    fn default() -> Self {
+        Self { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2], tex_coord: None }
+    }
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Sampler {
+    mag_filter: u32,
+    min_filter: u32,
+    wrap_s: u32,
+    wrap_t: u32,
+}
+
+/// Texture coordinates of a file, and how they are moved.
+pub(super) type CoordinateSet = (usize, UvTransform);
+
+impl TextureUse {
+    fn set(&self) -> CoordinateSet {
+        let Transform { offset, rotation, scale, tex_coord } =
+            self.extensions.transform.unwrap_or_default();
+        (tex_coord.unwrap_or(self.tex_coord), UvTransform { offset, rotation, scale })
+    }
+}
+
+/// The name of the attribute of a set of texture coordinates.
+pub(super) fn uv_name(set: usize) -> String {
+    if set == 0 { "uv".to_owned() } else { format!("uv{set}") }
+}
+
+/// How the triangles of a part look.
+#[derive(Clone)]
+pub(super) struct Look {
+    /// The number of its material.
+    pub(super) material: u32,
+    /// Linear; what is multiplied with the colors of vertices.
+    pub(super) factor: [f64; 3],
+    /// What the attributes `uv`, `uv1`, .. are made of.
+    pub(super) sets: Vec<CoordinateSet>,
+}
+
+/// The materials that parts have.
+pub(super) struct Materials<'a> {
+    document: &'a Document,
+    find: Find<'a>,
+    pub(super) all: Vec<Material>,
+    /// By the number in the document, and whether the part has texture coordinates.
+    known: HashMap<(Option<usize>, bool), Look>,
+    files: HashMap<usize, Option<Column<u8>>>,
+    /// By picture and factor.
+    seen: Vec<(usize, [f64; 3], Option<Image>)>,
+    /// Pixels that may still be unpacked.
+    pixels: usize,
+    pub(super) notes: Vec<String>,
+}
+
+/// Pixels of all pictures of a file that are unpacked: a small file may name many materials.
+const MOST_PIXELS: usize = 1 << 28;
+
+impl<'a> Materials<'a> {
+    pub(super) fn new(document: &'a Document, find: Find<'a>) -> Self {
+        Self {
+            document,
+            find,
+            all: Vec::new(),
+            known: HashMap::new(),
+            files: HashMap::new(),
+            seen: Vec::new(),
+            pixels: MOST_PIXELS,
+            notes: Vec::new(),
+        }
+    }
+
+    fn note(&mut self, note: impl Into<String>) {
+        let note = note.into();
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
+    }
+
+    /// How a part with this material looks.
+    pub(super) fn look(
+        &mut self,
+        index: Option<usize>,
+        has_uv: bool,
+        buffer: &Buffer<'_>,
+    ) -> Result<Look, GlbReadError> {
+        let document = self.document;
+        let found = index.and_then(|index| document.materials.get(index));
+        let key = (index.filter(|_| found.is_some()), has_uv);
+        if let Some(look) = self.known.get(&key) {
+            return Ok(look.clone());
+        }
+        let (material, factor, sets) = match found {
+            None => (standard(), [1.0; 3], Vec::new()),
+            Some(found) => self.material(found, has_uv, buffer)?,
+        };
+        // A material that says nothing is none.
+        let known = self.all.iter().position(|it| *it == material);
+        let material = known.unwrap_or_else(|| {
+            self.all.push(material);
+            self.all.len() - 1
+        });
+        let look = Look { material: material as u32, factor, sets };
+        self.known.insert(key, look.clone());
+        Ok(look)
+    }
+
+    fn material(
+        &mut self,
+        from: &'a GltfMaterial,
+        has_uv: bool,
+        buffer: &Buffer<'_>,
+    ) -> Result<(Material, [f64; 3], Vec<CoordinateSet>), GlbReadError> {
+        let shading = &from.pbr_metallic_roughness;
+        let (mut factor, mut base) =
+            (shading.base_color_factor, shading.base_color_texture.as_ref());
+        let mut roughness = shading.roughness_factor;
+        let mut metallic = shading.metallic_factor;
+        if let Some(glossiness) = &from.extensions.glossiness {
+            if factor.is_none() && base.is_none() {
+                (factor, base) = (glossiness.diffuse_factor, glossiness.diffuse_texture.as_ref());
+                roughness = roughness.or(Some(1.0 - glossiness.glossiness_factor.unwrap_or(1.0)));
+                metallic = metallic.or(Some(0.0));
+            }
+            if glossiness.specular_glossiness_texture.is_some() {
+                self.note(
+                    "the picture of gloss is left out: save the material with metal and roughness",
+                );
+            }
+        }
+        let finite = |number: f64, or: f64| if number.is_finite() { number } else { or };
+        let base_color = factor.unwrap_or([1.0; 4]).map(|channel| finite(channel, 1.0));
+        let mut material = Material {
+            name: from.name.clone(),
+            base_color,
+            metallic: finite(metallic.unwrap_or(1.0), 1.0),
+            roughness: finite(roughness.unwrap_or(1.0), 1.0),
+            emissive: from.emissive_factor.map(|channel| finite(channel, 0.0)),
+            transparency: match &*from.alpha_mode {
+                "MASK" => Transparency::Cutoff(finite(from.alpha_cutoff.unwrap_or(0.5), 0.5)),
+                "BLEND" => Transparency::Blend,
+                _ => Transparency::Opaque,
+            },
+            is_double_sided: from.double_sided,
+            ..Material::default()
+        };
+        for (name, extension) in &from.extensions.others {
+            let mut extension = extension.clone();
+            if let Some(fields) = extension.as_object_mut() {
+                let count = fields.len();
+                fields.retain(|key, _| !key.ends_with("Texture"));
+                if fields.len() < count {
+                    self.note(format!("pictures of `{name}` are left out"));
+                }
+            }
+            material.others.insert(name.clone(), extension.to_string());
+        }
+        let [red, green, blue, _] = base_color;
+        let mut factor = [red, green, blue];
+        let packed = shading.metallic_roughness_texture.as_ref();
+        let uses = [
+            (MapKind::BaseColor, base, None),
+            (MapKind::Metallic, packed, Some(2)),
+            (MapKind::Roughness, packed, Some(1)),
+            (MapKind::Normal, from.normal_texture.as_ref(), None),
+            (MapKind::Occlusion, from.occlusion_texture.as_ref(), Some(0)),
+            (MapKind::Emissive, from.emissive_texture.as_ref(), None),
+        ];
+        let mut sets: Vec<CoordinateSet> = Vec::new();
+        for (kind, texture, channel) in uses {
+            let Some(texture) = texture.filter(|_| has_uv) else { continue };
+            let Some((source, bytes)) = self.picture(texture, buffer)? else { continue };
+            let set = texture.set();
+            let place = sets.iter().position(|it| *it == set).unwrap_or_else(|| {
+                sets.push(set);
+                sets.len() - 1
+            });
+            if kind == MapKind::BaseColor {
+                // The picture is multiplied with the factor, and not the colors of vertices.
+                let by = std::mem::replace(&mut factor, [1.0; 3]);
+                material.picture = self.seen(source, &bytes, by);
+                if material.picture.is_none() {
+                    continue;
+                }
+            }
+            let image = &self.document.images[source];
+            let file = match &image.uri {
+                Some(uri) if !uri.starts_with("data:") => uri.rsplit('/').next().unwrap_or(uri),
+                _ => &image.name,
+            };
+            let file = percent_decode_str(file).decode_utf8_lossy();
+            let mut map = Map::new(file, bytes);
+            map.channel = channel;
+            let strength = texture.scale.or(texture.strength).unwrap_or(1.0);
+            map.strength = finite(strength, 1.0);
+            (map.uv, map.transform) = (uv_name(place), set.1);
+            let sampler = self.document.textures[texture.index].sampler;
+            let sampler = sampler.and_then(|sampler| self.document.samplers.get(sampler));
+            if let Some(Sampler { mag_filter, min_filter, wrap_s, wrap_t }) = sampler {
+                map.filters = [*mag_filter, *min_filter];
+                map.wrap = [*wrap_s, *wrap_t].map(|wrap| match wrap {
+                    super::CLAMP_TO_EDGE => Wrap::Clamp,
+                    super::MIRRORED_REPEAT => Wrap::Mirror,
+                    _ => Wrap::Repeat,
+                });
+            }
+            material.maps.insert(kind, map);
+        }
+        Ok((material, factor, sets))
+    }
+
+    /// The picture of a texture: its number and its bytes, if it can be had.
+    fn picture(
+        &mut self,
+        texture: &TextureUse,
+        buffer: &Buffer<'_>,
+    ) -> Result<Option<(usize, Column<u8>)>, GlbReadError> {
+        let document = self.document;
+        let Some(found) = document.textures.get(texture.index) else { return Ok(None) };
+        let Some(source) = found.picture() else {
+            if let Some(name) = found.unread() {
+                self.note(format!("a picture is left out, which needs `{name}`{}", way_out(name)));
+            }
+            return Ok(None);
+        };
+        if let Some(known) = self.files.get(&source) {
+            return Ok(known.clone().map(|bytes| (source, bytes)));
+        }
+        let Some(image) = document.images.get(source) else { return Ok(None) };
+        let bytes = match (image.buffer_view, &image.uri) {
+            (Some(view), _) => Some(buffer.view(view)?.bytes.to_vec()),
+            (None, Some(uri)) => match (self.find)(uri) {
+                Ok(bytes) => Some(bytes),
+                Err(why) => {
+                    self.note(format!("picture {source} is left out: {why}"));
+                    None
+                }
+            },
+            (None, None) => None,
+        };
+        let bytes = bytes.filter(|bytes| {
+            let is_known = Kind::of(bytes).is_some();
+            if !is_known {
+                let why = picture_file::read(bytes).err().map(|why| why.to_string());
+                self.note(format!("picture {source} is left out: {}", why.unwrap_or_default()));
+            }
+            is_known
+        });
+        let bytes: Option<Column<u8>> = bytes.map(Into::into);
+        self.files.insert(source, bytes.clone());
+        Ok(bytes.map(|bytes| (source, bytes)))
+    }
+
+    /// The picture as it is seen; none if it is damaged, or too large beside the others.
+    fn seen(&mut self, source: usize, bytes: &[u8], factor: [f64; 3]) -> Option<Image> {
+        let known = self.seen.iter().find(|(of, by, _)| (*of, *by) == (source, factor));
+        if let Some((.., image)) = known {
+            return image.clone();
+        }
+        let plain = self.seen.iter().find(|(of, by, _)| (*of, *by) == (source, [1.0; 3]));
+        let plain = match plain {
+            Some((.., image)) => image.clone(),
+            None => match picture_file::read(bytes) {
+                Ok(image) => Some(image),
+                Err(why) => {
+                    self.note(format!("picture {source} is left out: {why}"));
+                    None
+                }
+            },
+        };
+        let image = plain.map(|image| match factor {
+            [1.0, 1.0, 1.0] => image,
+            factor => multiplied(&image, factor),
+        });
+        let image = image.filter(|image| match self.pixels.checked_sub(image.pixels().len()) {
+            Some(left) => {
+                self.pixels = left;
+                true
+            }
+            None => {
+                self.note(format!(
+                    "pictures have over {MOST_PIXELS} pixels together, and some are left out"
+                ));
+                false
+            }
+        });
+        self.seen.push((source, factor, image.clone()));
+        image
+    }
+}
+
+/// What a part without a material looks like.
+fn standard() -> Material {
+    Material { metallic: 1.0, roughness: 1.0, is_double_sided: false, ..Material::default() }
+}
+
+/// The materials that say something: none if all triangles have one of which nothing is known.
+pub(super) fn useful(materials: Vec<Material>) -> Vec<Material> {
+    match &materials[..] {
+        [only] if *only == Material::default() || *only == standard() => Vec::new(),
+        _ => materials,
+    }
+}
+
+/// A picture whose colors are multiplied with a linear one.
+fn multiplied(image: &Image, factor: [f64; 3]) -> Image {
+    let table = factor.map(|factor| {
+        Vec::from_iter(
+            (0..=255).map(|level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor)),
+        )
+    });
+    let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
+    let pixels = Vec::from_iter(image.pixels().iter().map(color));
+    Image::new(image.width(), image.height(), pixels).expect("a picture of the same size")
+}

@@ -1,0 +1,208 @@
+//! Materials travel through GLB and OBJ: what nothing touched comes out as it came in.
+
+use std::sync::Arc;
+
+use maquette_node::pack::{Format, NewFile};
+use maquette_node::reading::Reading;
+use maquette_value::{
+    AnyValue, Attribute, Column, Faces, Image, MATERIAL, Map, MapKind, Material, Mesh,
+    Transparency, UvTransform, Wrap, value_type,
+};
+use nalgebra::Point3;
+
+use crate::{FORMATS, png};
+
+fn picture(seed: u8) -> Column<u8> {
+    let pixels = Vec::from_iter((0..4).map(|k: u8| [seed, 60 * k, 255 - seed]));
+    png::encode_rgb(&Image::new(2, 2, pixels).unwrap()).unwrap().into()
+}
+
+fn map(seed: u8) -> Map {
+    Map { wrap: [Wrap::Repeat, Wrap::Mirror], ..Map::new(format!("{seed}.png"), picture(seed)) }
+}
+
+/// Two squares beside each other, with texture coordinates beyond the border of the picture.
+fn squares() -> Mesh {
+    let at = |x: u32, y: u32| Point3::new(f64::from(x), f64::from(y), 0.0);
+    let places = vec![at(0, 0), at(1, 0), at(2, 0), at(0, 1), at(1, 1), at(2, 1)];
+    let faces = vec![[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]];
+    let uv = places.iter().map(|place| [2.0 * place.x - 0.5, place.y + 0.25]).collect();
+    let mesh = Mesh::new(places, Faces::triangles(faces)).unwrap();
+    mesh.with_vertex("uv", Attribute::Pair(uv)).unwrap()
+}
+
+/// A material with everything that glTF and MTL both know, whose picture is that of its map.
+fn rich(base_color: [f64; 4]) -> Material {
+    let base = map(10);
+    let packed = |channel| Map { channel: Some(channel), ..map(20) };
+    let picture = crate::picture_file::read(&base.bytes).unwrap();
+    Material {
+        name: "skin".to_owned(),
+        picture: Some(picture),
+        base_color,
+        metallic: 0.5,
+        roughness: 0.25,
+        emissive: [0.0, 0.5, 1.0],
+        transparency: Transparency::Blend,
+        is_double_sided: true,
+        has_vertex_colors: false,
+        maps: [
+            (MapKind::BaseColor, base),
+            (MapKind::Metallic, packed(2)),
+            (MapKind::Roughness, packed(1)),
+            (MapKind::Occlusion, packed(0)),
+            (MapKind::Normal, Map { strength: 0.5, ..map(128) }),
+            (MapKind::Emissive, map(30)),
+        ]
+        .into(),
+        others: [].into(),
+    }
+}
+
+fn through(mesh: &Mesh, ending: &str) -> (Mesh, Vec<NewFile>) {
+    let is_it =
+        |format: &&Format| format.ending == ending && (format.kind)() == value_type::<Mesh>();
+    let format = FORMATS.iter().find(is_it).unwrap();
+    let files = format.write(&AnyValue::new(mesh.clone()), &format!("it.{ending}")).unwrap();
+    let beside = |name: &str| {
+        let found = files.iter().find(|file| file.name == name);
+        found.map(|file| Arc::from(&file.bytes[..])).ok_or_else(|| format!("no {name}"))
+    };
+    let read = Reading::new(&files[0].name, &files[0].bytes, &beside);
+    let again = crate::read::<Mesh>(&read).unwrap();
+    assert_eq!(read.doubts(), [""; 0]);
+    (again, files)
+}
+
+/// Materials without the names of their pictures.
+fn nameless(mesh: &Mesh) -> Vec<Material> {
+    let mut all = mesh.materials().to_vec();
+    all.iter_mut().flat_map(|it| it.maps.values_mut()).for_each(|map| map.file.clear());
+    all
+}
+
+#[test]
+fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let transform = UvTransform { offset: [0.5, 0.25], rotation: quarter, scale: [2.0, 0.5] };
+    let mut skin = rich([1.0, 1.0, 1.0, 0.5]);
+    skin.maps.values_mut().for_each(|map| map.filters = [9729, 9987]);
+    let bare = Material {
+        name: "bare".to_owned(),
+        base_color: [1.0, 0.0, 0.0, 1.0],
+        is_double_sided: false,
+        others: [("KHR_materials_ior".to_owned(), r#"{"ior":1.25}"#.to_owned())].into(),
+        ..Material::default()
+    };
+    // Occlusion on coordinates of its own, and all others moved.
+    let moved = |kind: &MapKind, map: &mut Map| match kind {
+        MapKind::Occlusion => map.uv = "uv1".to_owned(),
+        _ => map.transform = transform,
+    };
+    skin.maps.iter_mut().for_each(|(kind, map)| moved(kind, map));
+    let second = Attribute::Pair((0..6).map(|k| [f64::from(k) / 8.0, 0.5]).collect());
+    let colors = Attribute::Color(vec![[255, 255, 255], [255, 0, 0], [255, 0, 0]].repeat(2).into());
+    let ring = Attribute::Index((0..6).collect());
+    let weight = Attribute::Number((0..6).map(|k| f64::from(k) / 4.0).collect());
+    let mesh = squares()
+        .with_vertex("uv1", second)
+        .and_then(|mesh| mesh.with_vertex("color", colors))
+        .and_then(|mesh| mesh.with_vertex("ring", ring))
+        .and_then(|mesh| mesh.with_vertex("weight", weight))
+        .and_then(|mesh| mesh.with_face(MATERIAL, Attribute::Index(vec![0, 0, 1, 1].into())))
+        .unwrap()
+        .with_materials([skin, bare]);
+    let (again, files) = through(&mesh, "glb");
+    assert_eq!(again.materials()[..], mesh.materials()[..]);
+    assert_eq!(again.face().get(MATERIAL), mesh.face().get(MATERIAL));
+    for name in ["uv1", "ring", "weight"] {
+        assert_eq!(again.vertex().get(name), mesh.vertex().get(name), "{name}");
+    }
+    // The picture is not multiplied with the colors of vertices.
+    let colors = again.corner().colors("color").unwrap();
+    assert_eq!((colors[0], colors[6]), ([255; 3], [255, 0, 0]));
+    let near = |a: &[f64; 2], b: &[f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-6);
+    let [before, after] = [&mesh, &again].map(|mesh| mesh.vertex().pairs("uv").unwrap());
+    assert!(before.iter().zip(after.iter()).all(|(a, b)| near(a, b)), "{before:?} {after:?}");
+    // From here on nothing changes, and each picture is there once, byte for byte.
+    let (_, second) = through(&again, "glb");
+    assert_eq!(second[0].bytes, files[0].bytes);
+    for seed in [10, 20, 30, 128] {
+        let picture = picture(seed);
+        let count = files[0].bytes.windows(picture.len()).filter(|it| **it == picture[..]).count();
+        assert_eq!(count, 1, "{seed}");
+    }
+}
+
+#[test]
+fn materials_travel_through_obj_with_the_files_of_their_pictures() {
+    let mut skin = rich([1.0, 1.0, 1.0, 0.5]);
+    skin.maps.values_mut().for_each(|map| map.wrap = [Wrap::Repeat; 2]);
+    skin.others.insert("illum".to_owned(), "2".to_owned());
+    skin.others.insert("Kd".to_owned(), "1 1 1".to_owned());
+    skin.maps.insert(MapKind::Other("map_Ks".to_owned()), Map::new("ks.png", picture(40)));
+    let bare = Material {
+        name: "bare".to_owned(),
+        base_color: [1.0, 0.25, 0.0, 1.0],
+        ..Material::default()
+    };
+    let numbers = Attribute::Index(vec![0, 1, 0, 1].into());
+    let mesh = squares().with_face(MATERIAL, numbers).unwrap().with_materials([skin, bare]);
+    let (again, files) = through(&mesh, "obj");
+    assert_eq!(nameless(&again), nameless(&mesh));
+    // Faces keep their order.
+    assert_eq!(again.face().get(MATERIAL), mesh.face().get(MATERIAL));
+    assert_eq!(again.faces(), mesh.faces());
+    let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+    let pictures = ["it_10.png", "it_30.png", "it_20.png", "it_128.png", "it_ks.png"];
+    assert_eq!(names, [&["it.obj", "it.mtl"][..], &pictures].concat());
+    assert_eq!(files[2].bytes[..], picture(10)[..]);
+    let (_, second) = through(&again, "obj");
+    assert!(second == files);
+}
+
+/// What only glTF has is packed for it, and what a picture is multiplied with is in the picture of OBJ.
+#[test]
+fn materials_go_from_one_format_to_the_other() {
+    let skin = Material { transparency: Transparency::Opaque, ..rich([1.0; 4]) };
+    let mesh = squares().with_materials([skin]);
+    let (of_obj, _) = through(&mesh, "obj");
+    let (of_both, _) = through(&of_obj, "glb");
+    let bytes = |mesh: &Mesh| {
+        let maps = mesh.materials()[0].maps.clone();
+        Vec::from_iter(maps.into_iter().map(|(kind, map)| (kind, map.bytes, map.channel)))
+    };
+    assert_eq!(bytes(&of_both), bytes(&mesh));
+    // Metal and roughness in files of their own become one picture.
+    let mut apart = of_obj.materials()[0].clone();
+    for (kind, seed) in [(MapKind::Metallic, 20), (MapKind::Roughness, 40)] {
+        apart.maps.insert(kind, Map { channel: None, ..map(seed) });
+    }
+    let (packed, _) = through(&of_obj.clone().with_materials([apart]), "glb");
+    let maps = &packed.materials()[0].maps;
+    assert_eq!(maps[&MapKind::Metallic].bytes, maps[&MapKind::Roughness].bytes);
+    let picture = crate::picture_file::read(&maps[&MapKind::Metallic].bytes).unwrap();
+    assert_eq!(picture.at([0, 0]), [255, 40, 20]);
+
+    let red = through(&squares().with_materials([rich([1.0, 0.0, 0.0, 1.0])]), "glb").0;
+    let shown = red.texture().unwrap().clone();
+    assert_eq!(shown.at([1, 0]), [10, 0, 0]);
+    let of_obj = through(&red, "obj").0;
+    assert_eq!(of_obj.texture(), Some(&shown));
+}
+
+#[test]
+fn materials_that_no_face_has_are_left_out_and_faces_before_the_first_one_have_none() {
+    let obj =
+        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl red\nf 3 2 1\nusemtl gone\n";
+    let beside = |name: &str| match name {
+        "a.mtl" => Ok(Arc::from(&b"newmtl red\nKd 1 0 0\nnewmtl other\nKd 0 1 0\n"[..])),
+        _ => Err(format!("there is no file `{name}`")),
+    };
+    let file = Reading::new("a.obj", obj.as_bytes(), &beside);
+    let mesh = crate::read::<Mesh>(&file).unwrap();
+    assert_eq!(file.doubts(), ["there is no material `gone` in `a.mtl`"]);
+    let names = Vec::from_iter(mesh.materials().iter().map(|material| &*material.name));
+    assert_eq!(names, ["red", ""]);
+    assert_eq!(mesh.face_materials().map(|all| all.to_vec()), Some(vec![1, 0]));
+}

@@ -1,0 +1,229 @@
+//! Writes the materials of a mesh as MTL.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+
+use maquette_node::pack::NewFile;
+use maquette_syntax::error::Error;
+use maquette_value::{Column, Map, MapKind, Material, Mesh, Transparency, Wrap};
+
+use crate::glb::{has_own_color, is_extension};
+use crate::png;
+
+/// A file of materials, and the pictures beside it.
+pub(super) struct Looks {
+    /// The names of the materials, each another one.
+    pub(super) names: Vec<String>,
+    pub(super) text: String,
+    pub(super) pictures: Vec<NewFile>,
+}
+
+impl Looks {
+    /// The files begin with `stem`.
+    pub(super) fn of(mesh: &Mesh, stem: &str) -> Result<Self, Error> {
+        let mut looks = Self { names: Vec::new(), text: String::new(), pictures: Vec::new() };
+        if let [only] = &mesh.materials()[..]
+            && only.is_plain()
+            && let Some(picture) = &only.picture
+        {
+            let name = format!("{stem}.png");
+            looks.text =
+                format!("newmtl material\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {name}\n");
+            looks.names.push("material".to_owned());
+            looks.pictures.push(NewFile { name, bytes: png::encode_rgb(picture)? });
+            return Ok(looks);
+        }
+        let mut files = Files { stem, written: Vec::new() };
+        for material in mesh.materials().iter() {
+            let name = unique(&material.name, "material", &looks.names);
+            looks.names.push(name);
+            looks.add(material, &mut files)?;
+        }
+        Ok(looks)
+    }
+
+    fn add(&mut self, material: &Material, files: &mut Files<'_>) -> Result<(), Error> {
+        let text = &mut self.text;
+        let name = self.names.last().map_or("", |name| name);
+        let mut line = |keyword: &str, words: &str| {
+            writeln!(text, "{keyword} {words}").expect("a text takes all");
+        };
+        line("newmtl", name);
+        for (keyword, words) in material.others.iter().filter(|(name, _)| !is_extension(name)) {
+            line(keyword, words);
+        }
+        let numbers = |numbers: &[f64]| {
+            Vec::from_iter(numbers.iter().map(|number| number.to_string())).join(" ")
+        };
+        let [red, green, blue, opacity] = material.base_color;
+        // Most programs show a picture without the color beside it, so that the picture is written as it is seen.
+        let is_multiplied = material.picture.is_some() && [red, green, blue] != [1.0; 3];
+        if !material.others.contains_key("Kd") {
+            line("Kd", &numbers(&if is_multiplied { [1.0; 3] } else { [red, green, blue] }));
+        }
+        if opacity != 1.0 {
+            line("d", &numbers(&[opacity]));
+        }
+        if material.emissive != [0.0; 3] {
+            line("Ke", &numbers(&material.emissive));
+        }
+        line("Pr", &numbers(&[material.roughness]));
+        line("Pm", &numbers(&[material.metallic]));
+        let base = material.maps.get(&MapKind::BaseColor);
+        let base = match (&material.picture, base) {
+            (Some(picture), base) if is_multiplied || base.is_none() => {
+                let file = base.map_or("color.png".to_owned(), |map| format!("{}.png", map.file));
+                let made = Map::new(file, png::encode_rgb(picture)?);
+                let wrap = base.map_or([Wrap::Clamp; 2], |map| map.wrap);
+                Some((files.add(&made, &mut self.pictures), Map { wrap, ..made }))
+            }
+            (_, base) => base.map(|map| (files.add(map, &mut self.pictures), map.clone())),
+        };
+        if let Some((file, map)) = base {
+            line("map_Kd", &with_options(&map, &file));
+            if material.transparency != Transparency::Opaque {
+                line("map_d", &with_options(&map, &file));
+            }
+        }
+        for (kind, map) in material.maps.iter().filter(|(_, map)| map.uv == "uv") {
+            let keywords = match kind {
+                MapKind::BaseColor => continue,
+                MapKind::Emissive => &["map_Ke"][..],
+                MapKind::Metallic => &["map_Pm"],
+                // Some programs know one of the two.
+                MapKind::Normal => &["norm", "map_Bump"],
+                MapKind::Occlusion => &["map_ao"],
+                MapKind::Roughness => &["map_Pr"],
+                MapKind::Other(keyword) => &[&keyword[..]],
+            };
+            let file = files.add(map, &mut self.pictures);
+            keywords.iter().for_each(|keyword| line(keyword, &with_options(map, &file)));
+        }
+        Ok(())
+    }
+}
+
+/// Pictures that are written, each once.
+struct Files<'a> {
+    stem: &'a str,
+    written: Vec<(Column<u8>, String)>,
+}
+
+impl Files<'_> {
+    /// The name of the file with a picture.
+    fn add(&mut self, map: &Map, pictures: &mut Vec<NewFile>) -> String {
+        let known = self.written.iter().find(|(bytes, _)| bytes.hash() == map.bytes.hash());
+        if let Some((_, name)) = known {
+            return name.clone();
+        }
+        let names = Vec::from_iter(self.written.iter().map(|(_, name)| name.clone()));
+        // Beside the file may be the one that was read.
+        let own = unique(&map.file, "picture", &[]);
+        let own = own.strip_prefix(self.stem).map_or(&*own, |own| own.trim_start_matches('_'));
+        let (start, ending) = match own.rsplit_once('.') {
+            Some((start, ending)) => (start, format!(".{ending}")),
+            None => (own, ending(&map.bytes).to_owned()),
+        };
+        let mut name = format!("{}_{start}{ending}", self.stem);
+        let mut count = 1;
+        while names.contains(&name) {
+            count += 1;
+            name = format!("{}_{start}_{count}{ending}", self.stem);
+        }
+        pictures.push(NewFile { name: name.clone(), bytes: map.bytes.to_vec() });
+        self.written.push((map.bytes.clone(), name.clone()));
+        name
+    }
+}
+
+/// The ending of a picture's file.
+fn ending(bytes: &[u8]) -> &'static str {
+    use crate::picture_kind::Kind;
+    match Kind::of(bytes) {
+        Some(Kind::Png) | None => ".png",
+        Some(Kind::Jpeg) => ".jpg",
+        Some(Kind::Tiff) => ".tif",
+        Some(Kind::WebP) => ".webp",
+        Some(Kind::Bmp) => ".bmp",
+        Some(Kind::Exr) => ".exr",
+        Some(Kind::Hdr) => ".hdr",
+    }
+}
+
+/// A name of one word that no other one is.
+fn unique(name: &str, instead: &str, others: &[String]) -> String {
+    let is_special = |letter: char| {
+        letter.is_whitespace() || letter.is_control() || "#%?/\\:*<>|\"".contains(letter)
+    };
+    let name = name.trim().replace(is_special, "_");
+    let name = name.trim_start_matches(['.', '-']);
+    let name = if name.is_empty() { instead } else { name };
+    let numbered = (2..).map(|count| format!("{name}_{count}"));
+    let mut names = std::iter::once(name.to_owned()).chain(numbered);
+    names.find(|name| !others.contains(name)).expect("there is always another number")
+}
+
+/// The name of a picture behind its options.
+fn with_options(map: &Map, file: &str) -> String {
+    let mut words = String::new();
+    if map.strength != 1.0 {
+        write!(words, "-bm {} ", map.strength).expect("a text takes all");
+    }
+    if map.wrap == [Wrap::Clamp; 2] {
+        words.push_str("-clamp on ");
+    }
+    if let Some(channel) = map.channel {
+        write!(words, "-imfchan {} ", ["r", "g", "b"][usize::from(channel.min(2))])
+            .expect("a text takes all");
+    }
+    words + file
+}
+
+/// Whether the colors of vertices are seen on some face: where there is no picture, and the material says another color.
+pub(super) fn shows_colors(mesh: &Mesh) -> bool {
+    let materials = mesh.materials();
+    let shows = |number: usize| {
+        let material = &materials[number];
+        material.picture.is_none() && (material.is_plain() || !has_own_color(mesh, number as u32))
+    };
+    materials.is_empty() || used(mesh).into_iter().any(|number| shows(number as usize))
+}
+
+/// The numbers of the materials that faces have.
+fn used(mesh: &Mesh) -> BTreeSet<u32> {
+    match mesh.face_materials() {
+        Some(numbers) => numbers.iter().map(|&number| mesh.known_material(number)).collect(),
+        None => BTreeSet::from([0]),
+    }
+}
+
+/// The mesh without materials that no face has. If they are all the same, faces no longer have numbers.
+pub(super) fn without_unused(mesh: Mesh) -> Mesh {
+    let used = used(&mesh);
+    let Some(numbers) = mesh.face_materials() else { return mesh };
+    let places = BTreeMap::from_iter(used.iter().copied().zip(0..));
+    let numbers = numbers.iter().map(|&number| places[&mesh.known_material(number)]).collect();
+    let kept = used.iter().map(|&number| mesh.materials()[number as usize].clone());
+    let kept = Vec::from_iter(kept);
+    let numbered =
+        mesh.clone().with_face(maquette_value::MATERIAL, maquette_value::Attribute::Index(numbers));
+    numbered.expect("a number for each face").with_materials(kept)
+}
+
+/// Warnings about what of materials MTL cannot say.
+pub(super) fn doubts(mesh: &Mesh) -> Vec<String> {
+    let materials = || mesh.materials().iter();
+    let is_elsewhere = |map: &Map| map.uv != "uv";
+    let elsewhere = materials().any(|material| material.maps.values().any(is_elsewhere));
+    let is_mixed = materials().any(|material| material.has_vertex_colors);
+    let cutoff = materials().any(|it| matches!(it.transparency, Transparency::Cutoff(_)));
+    [
+        (elsewhere, "pictures on other texture coordinates than `uv` are left out: an OBJ file has one set of them"),
+        (is_mixed, "pictures are written without the colors of vertices that they are multiplied with"),
+        (cutoff, "opacity is written without the limit below which there is nothing to see"),
+    ]
+    .into_iter()
+    .filter(|(is_so, _)| *is_so)
+    .map(|(_, text)| text.to_owned())
+    .collect()
+}
