@@ -100,6 +100,7 @@ pub(crate) const THREE_MF: Fidelities = &[
     (CornerColors, Kept),
     (VertexUv, Changed("only beside a picture")),
     (CornerUv, Changed("only beside a picture")),
+    (Materials, Changed("their colors")),
     (Pictures, Kept),
     (Units, Kept),
     (UpAxis, Changed("z")),

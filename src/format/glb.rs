@@ -3,7 +3,8 @@
 //! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
 //! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::iter;
 use std::mem::discriminant;
 
@@ -13,7 +14,9 @@ use maquette_node::provenance::{Signature, extras_of_glb, padded};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Column, Material, Mesh, Rgb, UvTransform, linear_from_srgb};
+use maquette_value::{
+    Attribute, Column, Material, Mesh, MeshError, Rgb, UvTransform, linear_from_srgb,
+};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use thiserror::Error;
@@ -99,39 +102,24 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
         return Err(GlbError::Empty.into());
     }
     check_mesh(mesh)?;
-    let vertices = Vertices::new(mesh);
     let mut file = Buffers::default();
-    let mut common = json!({ "POSITION": file.positions(&vertices) });
-    let mut seen = None;
-    if !mesh.faces().is_empty() {
-        let (accessor, normals) = file.normals(&vertices);
-        common["NORMAL"] = accessor.into();
-        seen = normals;
-    }
-    let sets = looks::coordinate_sets(&vertices);
+    let (mut primitives, mut looks, mut seen) = (Vec::new(), Looks::default(), None);
     let unknown = [Material::default()];
     let materials = if mesh.materials().is_empty() { &unknown } else { &mesh.materials()[..] };
-    let numbers = match mesh.face_materials() {
-        Some(numbers) => {
-            BTreeSet::from_iter(numbers.iter().map(|&number| mesh.known_material(number)))
-        }
-        None => BTreeSet::from([0]),
-    };
-    // What a material adds to the attributes, and whether it has the colors of the vertices.
-    let (mut coordinates, mut colors) = (Vec::new(), None);
-    let mut parts = Vec::new();
-    for number in numbers {
+    let mut of_parts = Vec::new();
+    for (place, (number, part)) in parts(mesh)?.into_iter().enumerate() {
         let material = &materials[number as usize];
-        let mut attributes = common.clone();
+        let vertices = Vertices::new(&part);
+        let mut attributes = json!({ "POSITION": file.positions(&vertices) });
+        if !part.faces().is_empty() {
+            let (accessor, normals) = file.normals(&vertices);
+            attributes["NORMAL"] = accessor.into();
+            seen = normals;
+        }
+        let sets = looks::coordinate_sets(&vertices);
         for (place, set) in sets.iter().enumerate() {
             let transform = looks::transform_of(material, set);
-            let known = coordinates.iter().find(|(of, by, _)| (*of, *by) == (place, transform));
-            let accessor = known.map(|known| known.2).unwrap_or_else(|| {
-                let accessor = file.uv(&vertices, set, transform);
-                coordinates.push((place, transform, accessor));
-                accessor
-            });
-            attributes[format!("TEXCOORD_{place}")] = accessor.into();
+            attributes[format!("TEXCOORD_{place}")] = file.uv(&vertices, set, transform).into();
         }
         let has_picture = material.picture.is_some() && sets.first().is_some_and(|set| set == "uv");
         let has_colors = vertices.has_colors()
@@ -140,33 +128,26 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
                 false => material.is_plain() || !has_own_color(mesh, number),
             };
         if has_colors {
-            let accessor = *colors.get_or_insert_with(|| file.colors(&vertices));
-            attributes["COLOR_0"] = accessor.into();
+            attributes["COLOR_0"] = file.colors(&vertices).into();
         }
-        parts.push((number, attributes, has_colors));
-    }
-    let own = Vec::from_iter(vertices.own().map(|(name, attribute)| {
-        let prefix = if name.starts_with('_') { "" } else { "_" };
-        (format!("{prefix}{name}"), file.own(&vertices, name, attribute))
-    }));
-    let count = parts.len();
-    let indices = match (mesh.faces().is_empty(), count) {
-        (true, _) => Vec::new(),
-        (false, 1) => vec![file.triangles(vertices)],
-        _ => file.triangles_of_materials(&vertices, parts.iter().map(|part| part.0)),
-    };
-    let (mut looks, mut primitives) = (Looks::default(), Vec::new());
-    for (place, (number, mut attributes, has_colors)) in parts.into_iter().enumerate() {
-        for (name, accessor) in &own {
-            attributes[name] = (*accessor).into();
+        for (name, attribute) in vertices.own() {
+            let prefix = if name.starts_with('_') { "" } else { "_" };
+            attributes[format!("{prefix}{name}")] = file.own(&vertices, name, attribute).into();
         }
         let mut primitive = json!({ "attributes": attributes, "material": place, "mode": POINTS });
-        if let Some(&indices) = indices.get(place) {
+        if !part.faces().is_empty() {
             primitive["mode"] = TRIANGLES.into();
-            primitive["indices"] = indices.into();
+            primitive["indices"] = file.triangles(vertices).into();
         }
         primitives.push(primitive);
-        looks.add(&materials[number as usize], &sets, has_colors, &mut file)?;
+        of_parts.push((material, sets, has_colors));
+    }
+    if primitives.len() > 1 {
+        seen = None;
+    }
+    // Pictures stand behind all else.
+    for (material, sets, has_colors) in of_parts {
+        looks.add(material, &sets, has_colors, &mut file)?;
     }
     let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
     if mesh.frame().is_some() {
@@ -193,6 +174,29 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
     let text = if signature.is_some() { padded(text) } else { text };
     let head = Table::of_bytes(head(text, file.length)?);
     Ok(in_pieces(iter::once(head).chain(file.tables).collect()).keeping(seen))
+}
+
+/// The faces of each material, with its number.
+fn parts(mesh: &Mesh) -> Result<Vec<(u32, Cow<'_, Mesh>)>, MeshError> {
+    let Some(numbers) = mesh.face_materials() else { return Ok(vec![(0, Cow::Borrowed(mesh))]) };
+    let mut faces: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (face, &number) in (0..).zip(numbers.iter()) {
+        faces.entry(mesh.known_material(number)).or_default().push(face);
+    }
+    if faces.len() == 1 {
+        return Ok(faces.into_keys().map(|number| (number, Cow::Borrowed(mesh))).collect());
+    }
+    // Where parts meet, both have the normals of the whole.
+    let has_normals = mesh.vertex().vectors("normal").or(mesh.corner().vectors("normal")).is_some();
+    let whole = match has_normals {
+        true => Cow::Borrowed(mesh),
+        false => {
+            let normals = mesh.vertex_normals().into_iter().map(Into::into);
+            Cow::Owned(mesh.clone().with_vertex("normal", Attribute::Vector(normals.collect()))?)
+        }
+    };
+    let part = |(number, faces): (u32, Vec<u32>)| (number, Cow::Owned(whole.select(&faces)));
+    Ok(faces.into_iter().map(part).collect())
 }
 
 /// The file around the document and its buffer.
@@ -364,7 +368,7 @@ impl<'a> Buffers<'a> {
         }))
     }
 
-    fn positions(&mut self, vertices: &Vertices<'a>) -> usize {
+    fn positions(&mut self, vertices: &Vertices<'_>) -> usize {
         let points = vertices.gather(Some(vertices.mesh.positions()), None);
         let known = vertices.split.is_none().then(|| vertices.mesh.known_bounds()).flatten();
         let (low, high) = known.unwrap_or_else(|| bounds(&points));
@@ -376,7 +380,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// Gives also what has been found for it.
-    fn normals(&mut self, vertices: &Vertices<'a>) -> (usize, Option<Column<[f32; 3]>>) {
+    fn normals(&mut self, vertices: &Vertices<'_>) -> (usize, Option<Column<[f32; 3]>>) {
         let mesh = vertices.mesh;
         let per_vertex = mesh.vertex().vectors("normal");
         let per_corner = mesh.corner().vectors("normal").filter(|_| per_vertex.is_none());
@@ -399,7 +403,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// The texture coordinates of an attribute as they were before they were moved.
-    fn uv(&mut self, vertices: &Vertices<'a>, name: &str, by: UvTransform) -> usize {
+    fn uv(&mut self, vertices: &Vertices<'_>, name: &str, by: UvTransform) -> usize {
         let mesh = vertices.mesh;
         let uv = vertices.gather(mesh.vertex().pairs(name), mesh.corner().pairs(name));
         // In glTF (0, 0) is the picture's upper left corner.
@@ -412,7 +416,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
-    fn colors(&mut self, vertices: &Vertices<'a>) -> usize {
+    fn colors(&mut self, vertices: &Vertices<'_>) -> usize {
         let mesh = vertices.mesh;
         let colors = vertices.gather(mesh.vertex().colors("color"), mesh.corner().colors("color"));
         let accessor = self.attribute("color", colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
@@ -425,7 +429,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// An attribute that glTF does not know. Whole numbers have 16 bits or are single precision: glTF allows no larger ones there.
-    fn own(&mut self, vertices: &Vertices<'a>, name: &str, attribute: &'a Attribute) -> usize {
+    fn own(&mut self, vertices: &Vertices<'_>, name: &str, attribute: &Attribute) -> usize {
         let on_vertices = vertices.mesh.vertex().get(name).is_some();
         match attribute {
             Attribute::Number(own) => {
@@ -464,7 +468,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// Faces with more than three corners are cut into triangles.
-    fn triangles(&mut self, vertices: Vertices<'a>) -> usize {
+    fn triangles(&mut self, vertices: Vertices<'_>) -> usize {
         let faces = vertices.mesh.faces();
         let table = match (vertices.split, faces.sides()) {
             // Any stretch of them, as they are.
@@ -482,39 +486,11 @@ impl<'a> Buffers<'a> {
                 Table::of_column("triangle", triangles.into(), |&triangle| indices(triangle))
             }
         };
-        self.indices(table)
-    }
-
-    fn indices(&mut self, table: Table<'a>) -> usize {
         let count = table.size() / 4;
         let view = self.view(table, Some(ELEMENT_ARRAY_BUFFER));
         self.accessor(json!({
             "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count,
         }))
-    }
-
-    /// The triangles of each of these materials.
-    fn triangles_of_materials(
-        &mut self,
-        vertices: &Vertices<'a>,
-        numbers: impl Iterator<Item = u32>,
-    ) -> Vec<usize> {
-        let mesh = vertices.mesh;
-        let corners = mesh.faces().corners();
-        let corners = vertices.split.as_ref().map_or(&corners[..], |split| &split.of_corner);
-        let places = BTreeMap::from_iter(numbers.zip(0..));
-        let mut triangles: Vec<Vec<[u32; 3]>> = vec![Vec::new(); places.len()];
-        for (face, &number) in
-            mesh.face_materials().into_iter().flat_map(|it| it.iter()).enumerate()
-        {
-            let of: usize = places[&mesh.known_material(number)];
-            let first = mesh.faces().first_corner(face);
-            let cut = mesh.face_triangles(face);
-            triangles[of].extend(cut.map(|it| it.map(|corner| corners[first + corner as usize])));
-        }
-        let table =
-            |all: Vec<[u32; 3]>| Table::of_column("triangle", all.into(), |&it| indices(it));
-        triangles.into_iter().map(|all| self.indices(table(all))).collect()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette_node::DataKind::*;
-use maquette_node::{DataKind, Fidelities};
+use maquette_node::{DataKind, Fidelities, Fidelity};
 use maquette_value::{Attribute, Attributes, MapKind, Material, Mesh, Points};
 
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
@@ -36,8 +36,9 @@ pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     if mesh.texture().is_some() && is_lost(Pictures) {
         lost.push("the picture".to_owned());
     }
-    if is_lost(Materials) && !mesh.materials().iter().all(Material::is_plain) {
-        lost.push("materials".to_owned());
+    let keeps_materials = held.contains(&(Materials, Fidelity::Kept));
+    if !keeps_materials && !mesh.materials().iter().all(Material::is_plain) {
+        lost.push("materials beside their colors".to_owned());
     }
     warning(&lost)
 }

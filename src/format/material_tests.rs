@@ -74,6 +74,14 @@ fn through(mesh: &Mesh, ending: &str) -> (Mesh, Vec<NewFile>) {
     (again, files)
 }
 
+/// Single precision can make two of the coordinates that two materials have at a vertex.
+fn corner_uv(mesh: &Mesh) -> Vec<[f64; 2]> {
+    match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {
+        (Some(uv), _) => uv.to_vec(),
+        (None, uv) => mesh.faces().corners().iter().map(|&it| uv.unwrap()[it as usize]).collect(),
+    }
+}
+
 /// Materials without the names of their pictures.
 fn nameless(mesh: &Mesh) -> Vec<Material> {
     let mut all = mesh.materials().to_vec();
@@ -115,15 +123,22 @@ fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
     let (again, files) = through(&mesh, "glb");
     assert_eq!(again.materials()[..], mesh.materials()[..]);
     assert_eq!(again.face().get(MATERIAL), mesh.face().get(MATERIAL));
+    // Each material has vertices of its own in the file, so that they come in another order.
+    let places = again.positions().iter().map(|place| {
+        let is_it = |it: &Point3<f64>| (it - place).norm() < 1e-6;
+        mesh.positions().iter().position(is_it).unwrap() as u32
+    });
+    let places = Vec::from_iter(places);
     for name in ["uv1", "ring", "weight"] {
-        assert_eq!(again.vertex().get(name), mesh.vertex().get(name), "{name}");
+        let expected = mesh.vertex().get(name).unwrap().select(&places);
+        assert_eq!(again.vertex().get(name), Some(&expected), "{name}");
     }
     // The picture is not multiplied with the colors of vertices.
     let colors = again.corner().colors("color").unwrap();
     assert_eq!((colors[0], colors[6]), ([255; 3], [255, 0, 0]));
     let near = |a: &[f64; 2], b: &[f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-6);
-    let [before, after] = [&mesh, &again].map(|mesh| mesh.vertex().pairs("uv").unwrap());
-    assert!(before.iter().zip(after.iter()).all(|(a, b)| near(a, b)), "{before:?} {after:?}");
+    let [before, after] = [&mesh, &again].map(corner_uv);
+    assert!(before.iter().zip(&after).all(|(a, b)| near(a, b)), "{before:?} {after:?}");
     // From here on nothing changes, and each picture is there once, byte for byte.
     let (_, second) = through(&again, "glb");
     assert_eq!(second[0].bytes, files[0].bytes);
