@@ -256,14 +256,22 @@ fn packed(maps: &std::collections::BTreeMap<MapKind, Map>) -> Result<Option<Map>
     Ok(Some(Map { file: String::new(), bytes: png::encode_rgb(&picture)?.into(), ..like.clone() }))
 }
 
-/// Where the colors of vertices are those of a material without a picture.
+/// Whether the colors of vertices or corners are those of a material without a picture.
 pub(crate) fn has_own_color(mesh: &Mesh, number: u32) -> bool {
-    let Some(colors) = mesh.vertex().colors("color") else { return false };
-    let all = mesh.face_materials();
-    let is_of = |face: usize| all.is_none_or(|all| all[face] == number);
     let color = mesh.materials()[number as usize].color();
-    let faces = mesh.faces().iter().enumerate().filter(|(face, _)| is_of(*face));
-    faces.flat_map(|(_, face)| face).all(|&vertex| colors[vertex as usize] == color)
+    let all = mesh.face_materials();
+    let is_of = |face: usize| all.is_none_or(|all| mesh.known_material(all[face]) == number);
+    let (vertices, corners) = (mesh.vertex().colors("color"), mesh.corner().colors("color"));
+    mesh.faces().iter().enumerate().filter(|(face, _)| is_of(*face)).all(|(face, of)| {
+        match (vertices, corners) {
+            (Some(colors), _) => of.iter().all(|&vertex| colors[vertex as usize] == color),
+            (None, Some(colors)) => {
+                let first = mesh.faces().first_corner(face);
+                colors[first..first + of.len()].iter().all(|it| *it == color)
+            }
+            (None, None) => false,
+        }
+    })
 }
 
 /// How the texture coordinates of an attribute were moved on their way from a file, by the materials that use it.
