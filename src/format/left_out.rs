@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use maquette_node::DataKind::*;
 use maquette_node::{DataKind, Fidelities, Fidelity};
-use maquette_value::{Attribute, Attributes, MapKind, Material, Mesh, Points};
+use maquette_value::{Attribute, Attributes, MATERIAL, MapKind, Material, Mesh, Points};
 
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
 /// loss: whoever reads the file computes them.
@@ -22,10 +22,15 @@ pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
         };
         Vec::from_iter(names.filter(is_left_out))
     };
+    // The numbers of materials are told of as these.
+    let of_faces = match mesh.face_materials() {
+        Some(_) => mesh.clone().without_face(MATERIAL).face().clone(),
+        None => mesh.face().clone(),
+    };
     let domains = [
         (lost_of(mesh.vertex(), VertexColors, Some(VertexUv), VertexAttributes), "vertices"),
         (lost_of(mesh.corner(), CornerColors, Some(CornerUv), CornerAttributes), "corners"),
-        (lost_of(mesh.face(), FaceColors, None, FaceAttributes), "faces"),
+        (lost_of(&of_faces, FaceColors, None, FaceAttributes), "faces"),
     ];
     let named = domains.iter().filter(|(names, _)| !names.is_empty());
     let mut lost =
@@ -43,17 +48,19 @@ pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     warning(&lost)
 }
 
-/// A warning that names what of materials only another format knows, by whether this one knows it, if there is any.
-pub(super) fn of_materials(mesh: &Mesh, is_known: impl Fn(&str) -> bool) -> Option<String> {
+/// A warning that names what of materials only another format knows, by whether this one keeps something of that name, or nothing is lost
+/// without these words.
+pub(super) fn of_materials(mesh: &Mesh, is_known: impl Fn(&str, &str) -> bool) -> Option<String> {
     let names = mesh.materials().iter().flat_map(|material| {
         let maps = material.maps.keys().filter_map(|kind| match kind {
-            MapKind::Other(name) => Some(&name[..]),
+            MapKind::Other(name) => Some((name, "")),
             _ => None,
         });
-        maps.chain(material.others.keys().map(|name| &name[..]))
+        maps.chain(material.others.iter().map(|(name, words)| (name, &words[..])))
     });
-    let names = BTreeSet::from_iter(names.filter(|name| !is_known(name)));
-    let names = Vec::from_iter(names.into_iter().map(str::to_owned));
+    let lost = names.filter(|(name, words)| !is_known(name, words));
+    let names = BTreeSet::from_iter(lost.map(|(name, _)| name.clone()));
+    let names = Vec::from_iter(names);
     warning(&Vec::from_iter(
         (!names.is_empty()).then(|| format!("{} of materials", quoted(&names))),
     ))

@@ -156,7 +156,7 @@ fn materials_travel_through_obj_with_the_files_of_their_pictures() {
     let mut skin = rich([1.0, 1.0, 1.0, 0.5]);
     skin.maps.values_mut().for_each(|map| map.wrap = [Wrap::Repeat; 2]);
     skin.others.insert("illum".to_owned(), "2".to_owned());
-    skin.others.insert("Kd".to_owned(), "1 1 1".to_owned());
+    skin.others.insert("Kd".to_owned(), "0.8 0.8 0.8".to_owned());
     skin.maps.insert(MapKind::Other("map_Ks".to_owned()), Map::new("ks.png", picture(40)));
     let bare = Material {
         name: "bare".to_owned(),

@@ -208,6 +208,21 @@ pub(crate) fn is_extension(name: &str) -> bool {
     vendor.len() >= 2 && vendor.chars().all(|letter| letter.is_ascii_uppercase())
 }
 
+/// Whether something that one format knows is an extension of glTF, or a statement of MTL without which nothing is lost: how light was
+/// computed, the shine that has become roughness, a color beside a picture, and what exporters write for any material.
+pub(super) fn says_nothing_more(name: &str, words: &str) -> bool {
+    let numbers = words.split_whitespace().map(|word| word.parse::<f64>().ok());
+    let numbers = numbers.collect::<Option<Vec<f64>>>().unwrap_or_default();
+    is_extension(name)
+        || match name {
+            "Ka" | "Kd" | "Ns" | "illum" => true,
+            "Ks" => [[0.0; 3], [0.5; 3]].iter().any(|usual| numbers == usual),
+            "Ni" => [1.0, 1.45, 1.5].iter().any(|usual| numbers == [*usual]),
+            "Tf" => numbers == [1.0; 3],
+            _ => false,
+        }
+}
+
 /// The place of an item in a list, added if it is not there.
 fn place(all: &mut Vec<Value>, item: Value) -> usize {
     all.iter().position(|known| *known == item).unwrap_or_else(|| {

@@ -191,6 +191,7 @@ impl Files<'_> {
         }
         match color {
             // Exporters write any color beside a picture, which most programs show alone.
+            Some([1.0, 1.0, 1.0]) if material.picture.is_some() => {}
             Some(color) if material.picture.is_some() => {
                 let words = color.map(|channel| channel.to_string()).join(" ");
                 material.others.insert("Kd".to_owned(), words);

@@ -63,7 +63,7 @@ impl FileFormat for MeshObj {
         coarse_mesh(mesh)
             .into_iter()
             .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
-            .chain(left_out::of_materials(mesh, |name| !is_extension(name)))
+            .chain(left_out::of_materials(mesh, |name, _| !is_extension(name)))
             .chain(looks::doubts(mesh))
             .collect()
     }
