@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 /// unit; all items on its plate are read where they stand, turned so that y is up. Corners of STL, GLB and glTF that are at the same place become
 /// one vertex.
 ///
-/// The picture of a GLB or 3MF file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
-/// use that has one: a mesh has one picture. What is missing, and materials that are left out, are warned of.
+/// Materials of GLB, glTF and OBJ files are kept with all their pictures; where there are several, the attribute `material` of faces says
+/// which is whose. Of a 3MF file and of a PLY file the mesh has one picture. What is missing is warned of.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.

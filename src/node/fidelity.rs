@@ -74,7 +74,7 @@ impl DataKind {
             Self::FaceAttributes => "own attributes of faces",
             Self::CornerAttributes => "own attributes of corners",
             Self::Creases => "creases, attributes of edges",
-            Self::Materials => "colors of materials",
+            Self::Materials => "materials",
             Self::Pictures => "pictures",
             Self::Units => "units",
             Self::UpAxis => "up axis",

@@ -6,7 +6,6 @@ use thiserror::Error;
 
 use super::accessor::{Buffer, Document};
 use super::scene::Scene;
-use crate::picture_file::PictureError;
 
 /// Why bytes are not a mesh in a GLB file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -56,9 +55,6 @@ pub enum GlbReadError {
     /// No vertex.
     #[error("there is no vertex in the file")]
     Empty,
-    /// The picture on the mesh cannot be read.
-    #[error("the picture in the file cannot be read")]
-    Picture(#[from] PictureError),
     /// Vertices and faces that make no mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -67,9 +63,10 @@ pub enum GlbReadError {
 /// The mesh in a GLB file: all triangles and points of its scene, in mm, y up.
 ///
 /// The nodes' motions are applied. Vertices at the same place, bit by bit, become one, since glTF splits them where texture
-/// coordinates or normals differ; these become attributes of corners where they do. `TEXCOORD_0` becomes `uv`, `NORMAL`
-/// `normal`, `COLOR_0` `color`; parts without them have zeros and white. The picture of the first material that has one becomes the texture, and colors
-/// of materials the colors of their parts; pictures in other files are left out, and so are lines, skins, morphs and animations.
+/// coordinates or normals differ; these become attributes of corners where they do. `NORMAL` becomes `normal`, `COLOR_0`, times the color of
+/// a material without a picture, `color`, `_NAME` the attribute `NAME`; parts without them have zeros and white. Materials are kept with their pictures. The
+/// texture coordinates of the picture of color become `uv`, others `uv1`, `uv2` and so on, moved as their pictures say. Pictures in other files are
+/// left out, and so are lines, skins, morphs and animations.
 ///
 /// # Errors
 /// If the bytes are not a GLB file of version 2, it contradicts itself, or needs an extension that is not known.

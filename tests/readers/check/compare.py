@@ -184,11 +184,32 @@ def difference_of_looks(truth: Record, found: Record, known: List[int], ids: Lis
         )
         if not agree(expected, there, TOLERANCES["face_colors"]):
             return "face colors"
+    words = difference_of_materials(truth.get("materials", {}), found.get("materials"))
+    if words:
+        return words
     if truth.get("picture") and "named_picture" in found:
         return "" if found["named_picture"] else "no picture"
     if truth.get("picture") and "picture" in found:
         words = difference_of_pictures(truth["picture"], found["picture"])
         return words and ("no picture" if words == "no picture" else "picture")
+    return ""
+
+
+def difference_of_materials(truth: Record, found: Optional[Record]) -> str:
+    """Compares materials by their names; of what a program does not tell of a material nothing is asked."""
+    if not truth or found is None:
+        return ""
+    if sorted(truth) != sorted(found):
+        return f"materials {sorted(found)}"
+    for name, expected in truth.items():
+        for key, value in found[name].items():
+            wanted = expected.get(key)
+            if key == "color":
+                is_same = wanted is None or all(abs(a - b) <= 0.01 for a, b in zip(wanted, value))
+            else:
+                is_same = wanted == value
+            if not is_same:
+                return f"{key} {value} of {name}"
     return ""
 
 

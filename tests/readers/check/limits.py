@@ -54,6 +54,7 @@ LIMITS = [
     Limit("three.js", "*.ply", "coarse dark colors", "it keeps linear colors in bytes, so that dark ones are rounded"),
     Limit("three.js", "*.png", "8 of 16 bits", "pictures have eight bits in a browser"),
     Limit("three.js", "*.xyz", "no normals", "in XYZ it takes the second three numbers for colors"),
+    Limit("three.js", "mesh-materials.obj", "maps * of skin", "of MTL it takes no roughness"),
     Limit("PrusaSlicer", POLYGONS_OBJ, "*Loading of a model file failed.", "of OBJ it takes triangles and quads alone"),
     Limit("PrusaSlicer", "curve.obj", "*Loading of a model file failed.", "it prints no lines"),
     Limit("PrusaSlicer", "*.step", "no points", "of STEP it takes solids alone"),

@@ -14,6 +14,12 @@ Record = Dict[str, Any]
 Table = Dict[str, List[Any]]
 Columns = List[Dict[str, Any]]
 
+# The materials of `inputs/materials.mtl`.
+MATERIALS = {
+    "skin": {"triangles": 2, "maps": ["color", "emission", "normals", "roughness"]},
+    "bare": {"triangles": 2, "maps": [], "color": [1.0, 0.25, 0.0]},
+}
+
 # A surface in a file of meshes is this mesh.
 MESHES_OF_SURFACES = {"surface": "surface-mesh", "vase": "vase-mesh"}
 
@@ -91,6 +97,8 @@ class Inspector:
             width = int(self.table(link, "whole")["texture_size_u"][0])
             found["picture"] = [texels[k : k + width] for k in range(0, len(texels), width)]
         found["captured"] = is_there(columns, "whole", "frame")
+        if link == "materials":
+            found["materials"] = MATERIALS
         return found
 
     def points(self, link: str, columns: Columns) -> Record:

@@ -12,6 +12,8 @@ A record has `error`, or some of these; what the program cannot tell is left out
     picture   rows of pixels: that of a picture file, or on the mesh; of a large one as `thinned` leaves them
     named_picture
               the name of the picture on the mesh, of a program that does not open it
+    materials by their names: `triangles`, how many have it; `maps`, what its pictures say, in the words of `truth.py`; `color`, three
+              numbers that are linear in light
     weights, knots
               of the control points of a surface, and along u and v
 """

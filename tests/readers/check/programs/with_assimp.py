@@ -23,10 +23,26 @@ def read(path: pathlib.Path) -> record.Record:
     for key in ("colors", "normals", "uv"):
         if len(found[key]) != len(found["points"]):
             found[key] = []
+    found["materials"] = materials(scene, path.suffix)
     names = [it["value"] for material in scene.get("materials", ()) for it in material["properties"] if it["key"] == "$tex.file"]
     # A picture within the file begins with `*`.
     found["named_picture"] = names[0] if names and (names[0][0] == "*" or (path.parent / names[0]).is_file()) else ""
     return found
+
+
+def materials(scene: dict, ending: str) -> record.Record:
+    """Materials that meshes have: `semantic` is the kind of a picture."""
+    kinds = {1: "color", 12: "color", 4: "emission", 6: "normals", 16: "roughness"}
+    found = {}
+    for mesh in scene["meshes"]:
+        properties = scene["materials"][mesh["materialindex"]]["properties"]
+        name = next((it["value"] for it in properties if it["key"] == "?mat.name"), "")
+        told = found.setdefault(name, {"triangles": 0, "maps": set()})
+        told["triangles"] += sum(len(face) - 2 for face in mesh.get("faces", ()))
+        told["maps"] |= {kinds[it["semantic"]] for it in properties if it["key"] == "$tex.file" and it["semantic"] in kinds}
+        key = "$clr.base" if ending == ".glb" else "$clr.diffuse"
+        told["color"] = next((it["value"][:3] for it in properties if it["key"] == key), [1, 1, 1])
+    return {name: {**told, "maps": sorted(told["maps"])} for name, told in found.items()}
 
 
 def add(scene: dict, node: dict, parent: list, found: record.Record) -> None:

@@ -24,7 +24,7 @@ def read(path: pathlib.Path) -> record.Record:
     }
     importers[path.suffix](filepath=str(path))
     bpy.context.view_layer.update()
-    found = {"points": [], "faces": [], "lines": [], "colors": [], "uv": [], "normals": [], "wear": [], "picture": []}
+    found = {"points": [], "faces": [], "lines": [], "colors": [], "uv": [], "normals": [], "wear": [], "picture": [], "materials": {}}
     curves = [it.type for it in bpy.context.scene.objects if it.type in ("CURVE", "SURFACE")]
     if curves:
         raise ValueError(f"as {len(curves)} of its own {curves[0].lower()}s")
@@ -56,10 +56,25 @@ def add(thing: "bpy.types.Object", found: record.Record) -> None:
     if mesh.has_custom_normals:
         turn = world[:3, :3] / np.linalg.norm(world[:3, 0])
         found["normals"] += [list(turn @ normal.vector) for normal in mesh.corner_normals]
+    for slot, material in enumerate(mesh.materials):
+        if material is not None:
+            triangles = sum(len(it.vertices) - 2 for it in mesh.polygons if it.material_index == slot)
+            found["materials"][material.name] = {"triangles": triangles, **shading(material)}
     for material in filter(None, mesh.materials):
-        for node in material.node_tree.nodes if material.node_tree else ():
-            if node.type == "TEX_IMAGE" and node.image and node.image.size[0]:
-                found["picture"] = pixels(node.image)
+        for link in material.node_tree.links if material.node_tree else ():
+            image = getattr(link.from_node, "image", None)
+            if link.to_socket.name == "Base Color" and image and image.size[0]:
+                found["picture"] = pixels(image)
+
+
+def shading(material: "bpy.types.Material") -> record.Record:
+    """What its pictures say, and its color: what hangs on the inputs of its shader."""
+    shader = next((it for it in material.node_tree.nodes if it.type == "BSDF_PRINCIPLED"), None)
+    if shader is None:
+        return {}
+    kinds = {"Base Color": "color", "Emission Color": "emission", "Normal": "normals", "Roughness": "roughness"}
+    maps = [kind for name, kind in kinds.items() if shader.inputs[name].links]
+    return {"maps": maps, "color": list(shader.inputs["Base Color"].default_value[:3])}
 
 
 def pixels(image: "bpy.types.Image") -> np.ndarray:

@@ -26,7 +26,8 @@ def read(path: pathlib.Path) -> record.Record:
     are_triangles = len(found["faces"]) == mesh.face_number()
     found["face_colors"] = 255 * mesh.face_color_matrix()[:, :3] if mesh.has_face_color() and are_triangles else []
     found["uv"] = []
-    if mesh.has_vertex_tex_coord():
+    # Where parts of a scene have both, those of vertices are of some parts alone.
+    if mesh.has_vertex_tex_coord() and not mesh.has_wedge_tex_coord():
         found["uv"] = mesh.vertex_tex_coord_matrix()
     elif mesh.has_wedge_tex_coord():
         found["uv"] = mesh.wedge_tex_coord_matrix()

@@ -16,7 +16,7 @@ async function find(name) {
   const addon = async (path) => import(`three/addons/loaders/${path}.js`);
   const address = `/file/${encodeURIComponent(name)}`;
   const ending = name.split(".").pop();
-  const found = { points: [], faces: [], lines: [], colors: [], normals: [], uv: [], picture: null };
+  const found = { points: [], faces: [], lines: [], colors: [], normals: [], uv: [], picture: null, materials: {} };
   if (ending === "png") return { picture: await pixels(await new THREE.ImageLoader().loadAsync(address)) };
   let root;
   if (ending === "ply") {
@@ -64,6 +64,13 @@ async function find(name) {
     if (part.isMesh) for (let k = 0; k < index.length; k += 3) found.faces.push([0, 1, 2].map((it) => first + index[k + it]));
     if (part.isLineSegments) for (let k = 0; k < index.length; k += 2) found.lines.push([first + index[k], first + index[k + 1]]);
     else if (part.isLine) found.lines.push(Array.from(index, (k) => first + k));
+    if (part.isMesh) for (const [k, material] of [part.material].flat().entries()) {
+      const groups = part.geometry.groups.filter((group) => Array.isArray(part.material) && group.materialIndex === k);
+      const corners = groups.length > 0 ? groups.reduce((sum, group) => sum + group.count, 0) : index.length;
+      const kinds = { color: "map", emission: "emissiveMap", normals: "normalMap", roughness: "roughnessMap" };
+      const maps = Object.entries(kinds).filter(([, key]) => material[key]).map(([kind]) => kind);
+      found.materials[material.name] = { triangles: corners / 3, maps, color: material.color?.toArray() };
+    }
     for (const material of [part.material].flat()) if (material?.map?.image) found.picture = await pixels(material.map.image);
   }
 

@@ -17,12 +17,35 @@ def read(path: pathlib.Path) -> record.Record:
     if isinstance(scene, trimesh.Trimesh):
         return looks(scene, np.eye(4))
     parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    if len(parts) > 1 and path.stem == "mesh-materials":
+        return of_parts(scene, parts)
     if len(parts) != 1:
         raise ValueError(f"{len(parts)} meshes")
     matrix, name = parts[0]
     found = looks(scene.geometry[name], matrix)
     factor = {"meters": 1000.0}.get(scene.units, 1.0)
     return {**found, "points": factor * found["points"]}
+
+
+def of_parts(scene: trimesh.Scene, parts: list) -> record.Record:
+    """A mesh for each material."""
+    found = {"points": [], "faces": [], "uv": [], "materials": {}}
+    factor = {"meters": 1000.0}.get(scene.units, 1.0)
+    for matrix, name in parts:
+        mesh = scene.geometry[name]
+        part, first = looks(mesh, matrix), len(found["points"])
+        found["points"] += (factor * part["points"]).tolist()
+        found["faces"] += (part["faces"] + first).tolist()
+        found["uv"] += np.asarray(part["uv"]).tolist()
+        found["picture"] = part["picture"] if len(part["picture"]) else found.get("picture", [])
+        material = mesh.visual.material
+        told = {"triangles": len(mesh.faces)}
+        kinds = {"color": "baseColorTexture", "emission": "emissiveTexture", "normals": "normalTexture", "roughness": "metallicRoughnessTexture"}
+        if isinstance(material, trimesh.visual.material.PBRMaterial):
+            told["maps"] = [kind for kind, key in kinds.items() if getattr(material, key) is not None]
+            told["color"] = [x / 255 for x in (material.baseColorFactor if material.baseColorFactor is not None else [255] * 4)[:3]]
+        found["materials"][material.name] = told
+    return found
 
 
 def looks(mesh: trimesh.Trimesh, matrix: np.ndarray) -> record.Record:
