@@ -7,14 +7,15 @@ use std::collections::BTreeSet;
 
 use ronin_core::SyntaxKind;
 
+use super::brackets::Brackets;
 use super::cursor::recovered_tokens;
-use super::file::{Mistake, NO_END, parse, raw_tokens};
+use super::file::{CLOSES_NOTHING, Mistake, NO_END, parse, raw_tokens};
 use super::marks::conflict_marks;
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
 
 /// What can be read of a text with syntax errors.
-pub struct Recovered {
+pub(crate) struct Recovered {
     pub tree: Tree,
     /// All syntax errors, those included that others hide.
     pub mistakes: Vec<Mistake>,
@@ -23,14 +24,14 @@ pub struct Recovered {
 }
 
 /// A text in the place of a part of another one.
-type Edit = (Span, &'static str);
+pub(super) type Edit = (Span, String);
 
 /// A text with more syntax errors is not read: it is no graph that somebody edits, and each error costs a look at the whole text.
 const MAX_MISTAKES: usize = 1000;
 
 /// Reads what can be read of a text in which the parser finds these mistakes. `None` if nothing is left of it, or there are more than
 /// [`MAX_MISTAKES`].
-pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
+pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if conflict_marks(text).is_some() || MAX_MISTAKES < found.len() {
         return None;
     }
@@ -42,14 +43,23 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
         // Whatever else the parser finds follows from them.
         mistakes = strings.iter().map(|(string, _)| no_quote(*string)).collect();
     }
-    let quotes = Vec::from_iter(strings.iter().map(|(_, edit)| *edit));
+    let quotes = Vec::from_iter(strings.iter().map(|(_, edit)| edit.clone()));
     repair.doubt(&Vec::from_iter(quotes.iter().map(|edit| edit.0)));
     repair.apply(&quotes);
-    let brackets = Brackets::of(&repair.text);
-    repair.doubt(&brackets.doubtful);
-    repair.apply(&brackets.edits);
+    let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
+    // Of several wrong brackets the parser finds the first one.
+    if !wrong.is_empty() {
+        mistakes.retain(|known| !is_about_bracket(known));
+        let known = |wrong: &Mistake| {
+            let known = |known: &&Mistake| is_about_bracket(known) && known.span == wrong.span;
+            found.iter().find(known).cloned()
+        };
+        mistakes.extend(wrong.into_iter().map(|wrong| known(&wrong).unwrap_or(wrong)));
+    }
+    repair.doubt(&doubtful);
+    repair.apply(&brackets);
     // Behind an unclosed bracket or string the parser reports nothing.
-    let is_hidden = !quotes.is_empty() || !brackets.edits.is_empty();
+    let is_hidden = !quotes.is_empty() || !brackets.is_empty();
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful } = Separators::of(&repair.text);
     // What else the parser finds in this text follows from these.
@@ -73,7 +83,7 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if tree.is_broken() || MAX_MISTAKES < left.len() {
         return None;
     }
-    if !brackets.edits.is_empty() && left.iter().any(is_misplaced) {
+    if !brackets.is_empty() && left.iter().any(is_misplaced) {
         return None;
     }
     let certain = repair.doubtful.len();
@@ -86,10 +96,25 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     let doubtful = Vec::from_iter(doubtful);
     let is_new = |mistake: &Mistake| {
         !doubtful[..certain].iter().any(|part| overlaps(*part, mistake.span))
-            && !found.iter().any(|known| overlaps(known.span, mistake.span))
+            && !mistakes.iter().any(|known| overlaps(known.span, mistake.span))
     };
-    mistakes.extend(hidden.into_iter().filter(is_new));
+    let hidden = Vec::from_iter(hidden.into_iter().filter(is_new));
+    mistakes.extend(hidden);
+    // Of brackets that end the value too early.
+    mistakes.sort_by_key(|mistake| (is_behind_the_end(mistake), mistake.span));
+    mistakes.dedup_by(|it, _| is_behind_the_end(it));
     Some(Recovered { tree, mistakes, doubtful })
+}
+
+/// Returns true if a mistake is a bracket that is not closed, or closes nothing.
+fn is_about_bracket(mistake: &Mistake) -> bool {
+    let message = &mistake.message;
+    message.starts_with("this `")
+        && (message.contains("` is n") || message.ends_with(CLOSES_NOTHING))
+}
+
+fn is_behind_the_end(mistake: &Mistake) -> bool {
+    mistake.message.contains("behind the end of the graph")
 }
 
 fn no_quote(string: Span) -> Mistake {
@@ -98,14 +123,14 @@ fn no_quote(string: Span) -> Mistake {
 }
 
 /// Returns true if a part of one is in the other; a place without length counts where it is.
-pub fn overlaps(a: Span, b: Span) -> bool {
+pub(crate) fn overlaps(a: Span, b: Span) -> bool {
     a.start <= b.start && b.start < a.end.max(a.start + 1)
         || b.start <= a.start && a.start < b.end.max(b.start + 1)
 }
 
 /// A text that is being repaired.
-struct Repair {
-    text: String,
+pub(super) struct Repair {
+    pub(super) text: String,
     /// For each byte of it, and its end, the place in the text as it was.
     places: Vec<usize>,
     /// Places in the text as it was.
@@ -116,7 +141,7 @@ impl Repair {
     /// Makes edits, which are in order.
     fn apply(&mut self, edits: &[Edit]) {
         let (mut text, mut places, mut copied) = (String::new(), Vec::new(), 0);
-        for &(span, new) in edits {
+        for (span, new) in edits {
             if span.start < copied {
                 continue;
             }
@@ -131,7 +156,7 @@ impl Repair {
         (self.text, self.places) = (text, places);
     }
 
-    fn place(&self, span: Span) -> Span {
+    pub(super) fn place(&self, span: Span) -> Span {
         let end = self.text.len();
         let [start, end] = [span.start, span.end].map(|at| self.places[at.min(end)]);
         Span { start, end: end.max(start) }
@@ -192,158 +217,10 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
             let line = piece.lines().next().unwrap_or_default();
             let end =
                 span.start + line.trim_end_matches([',', ')', ']', '}', ' ', '\r']).len().max(1);
-            strings.push((Span { end, ..span }, (Span { start: end, end }, "\"")));
+            strings.push((Span { end, ..span }, (Span { start: end, end }, "\"".into())));
         }
     }
     strings
-}
-
-/// A bracket that is open.
-struct Open {
-    kind: SyntaxKind,
-    start: usize,
-    /// The line on which it is.
-    line: usize,
-    /// Where the part of it begins that is being read.
-    part: Option<usize>,
-    has_names: bool,
-    has_items: bool,
-}
-
-impl Open {
-    fn closer(&self) -> &'static str {
-        match self.kind {
-            SyntaxKind::LParen => ")",
-            SyntaxKind::LBracket => "]",
-            _ => "}",
-        }
-    }
-
-    /// Returns true if a part with such a name can be in it.
-    fn takes(&self, name: SyntaxKind) -> bool {
-        match self.kind {
-            SyntaxKind::LParen => name == SyntaxKind::Ident && (self.has_names || !self.has_items),
-            SyntaxKind::LBrace => name == SyntaxKind::String,
-            _ => false,
-        }
-    }
-}
-
-/// The brackets that are missing or too many.
-#[derive(Default)]
-struct Brackets {
-    edits: Vec<Edit>,
-    doubtful: Vec<Span>,
-    open: Vec<Open>,
-}
-
-impl Brackets {
-    /// A name tells which bracket it belongs to: texts name entries of maps, and words name fields of calls.
-    fn of(text: &str) -> Self {
-        use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
-        let tokens = Vec::from_iter(raw_tokens(text).filter(|(kind, _)| !kind.is_trivia()));
-        let mut it = Self::default();
-        let (mut line, mut counted) = (0, 0);
-        for (index, &(kind, at)) in tokens.iter().enumerate() {
-            line += text[counted..at.start].matches('\n').count();
-            counted = at.start;
-            let before = index.checked_sub(1).map(|before| tokens[before]);
-            match kind {
-                LParen | LBracket | LBrace => {
-                    it.begin(at.start);
-                    let (part, has_names, has_items) = (None, false, false);
-                    it.open.push(Open { kind, start: at.start, line, part, has_names, has_items });
-                }
-                RParen | RBracket | RBrace => {
-                    let opener = match kind {
-                        RParen => LParen,
-                        RBracket => LBracket,
-                        _ => LBrace,
-                    };
-                    let end = before.map_or(at.start, |(_, before)| before.end);
-                    let wanted = it.open.iter().rposition(|open| open.kind == opener);
-                    let is_first = text[..at.start].trim_end_matches([' ', '\t']).ends_with('\n');
-                    let last = it.open.len().saturating_sub(1);
-                    match wanted {
-                        Some(place) if place == last => {}
-                        // The wrong bracket closes what is open on its own line.
-                        Some(place)
-                            if !is_first
-                                && it.open[last].line == line
-                                && it.open[place].line < line =>
-                        {
-                            it.replace(at);
-                        }
-                        Some(place) => it.close(place + 1, end),
-                        None if it.open.is_empty()
-                            || matches!(
-                                tokens.get(index + 1),
-                                Some((RParen | RBracket | RBrace, _))
-                            ) =>
-                        {
-                            it.edits.push((at, ""));
-                            continue;
-                        }
-                        None => it.replace(at),
-                    }
-                    it.open.pop();
-                }
-                Comma => {
-                    if let Some(open) = it.open.last_mut() {
-                        open.has_items |= open.part.is_some() && !open.has_names;
-                        open.part = None;
-                    }
-                }
-                Colon => {
-                    let Some((name, named)) = before else { continue };
-                    let takes = |open: &Open| open.takes(name);
-                    if matches!(name, Ident | SyntaxKind::String)
-                        && it.open.last().is_some_and(|open| !open.takes(name))
-                        && let Some(place) = it.open.iter().rposition(takes)
-                        && it.open[place].part != Some(named.start)
-                    {
-                        let before = &tokens[..index - 1];
-                        let end = before.iter().rev().find(|(kind, _)| *kind != Comma);
-                        it.close(place + 1, end.map_or(named.start, |(_, end)| end.end));
-                        it.open[place].part = Some(named.start);
-                    }
-                    if let Some(open) = it.open.last_mut() {
-                        open.has_names = true;
-                    }
-                }
-                _ => it.begin(at.start),
-            }
-        }
-        let end = tokens.last().map_or(0, |(_, last)| last.end);
-        it.close(0, end);
-        it
-    }
-
-    fn begin(&mut self, at: usize) {
-        if let Some(open) = self.open.last_mut() {
-            open.part.get_or_insert(at);
-        }
-    }
-
-    /// Closes the brackets from this one on.
-    fn close(&mut self, from: usize, at: usize) {
-        while from < self.open.len() {
-            let Some(open) = self.open.pop() else { return };
-            self.edits.push((Span { start: at, end: at }, open.closer()));
-            // Entries of a map are what they are, wherever it ends.
-            let part = self.open.last().and_then(|outer| outer.part);
-            if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
-                self.doubtful.push(Span { start: part.unwrap_or(open.start), end: at });
-            }
-        }
-    }
-
-    /// Puts the right bracket in the place of a wrong one.
-    fn replace(&mut self, at: Span) {
-        if let Some(open) = self.open.last() {
-            self.edits.push((at, open.closer()));
-        }
-    }
 }
 
 /// The commas and colons that are missing or too many.
@@ -380,7 +257,7 @@ impl Separators {
                 LexError => {
                     let is_colon =
                         &text[at.start..at.end] == "=" && !open.last().is_some_and(|open| open.1);
-                    it.edits.push((at, if is_colon { ":" } else { " " }));
+                    it.edits.push((at, if is_colon { ":" } else { " " }.into()));
                     it.doubtful.push(at);
                     if is_colon {
                         name(&mut open, true);
@@ -389,7 +266,7 @@ impl Separators {
                     continue;
                 }
                 Comma | Colon if begins => {
-                    it.edits.push((at, " "));
+                    it.edits.push((at, " ".into()));
                     continue;
                 }
                 Comma => name(&mut open, false),
@@ -405,7 +282,8 @@ impl Separators {
                         _ => false,
                     };
                     let colon = !is_named && is_name && next != Some(Colon);
-                    it.edits.push((Span { start: end, end }, if colon { ":" } else { "," }));
+                    let sign = if colon { ":" } else { "," };
+                    it.edits.push((Span { start: end, end }, sign.into()));
                     if !is_named {
                         it.doubtful.push(at);
                     }
@@ -419,13 +297,6 @@ impl Separators {
         }
         it
     }
-}
-
-/// The names in the parts of a text that are in doubt: what seems to lack them may not.
-pub fn names_in_doubt<'t>(text: &'t str, doubtful: &[Span]) -> BTreeSet<&'t str> {
-    let is_part = |c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-'));
-    let parts = doubtful.iter().filter_map(|span| text.get(span.start..span.end));
-    parts.flat_map(|part| part.split(is_part)).filter(|name| !name.is_empty()).collect()
 }
 
 #[cfg(test)]
@@ -488,7 +359,15 @@ mod tests {
         );
         check("G(n: {\"a\": A(x: 1)}", "G(n: {a: A(x: 1)})", &[]);
         check("G(n: {\"a\": A(x: 1)]})", "G(n: {a: A(x: 1)})", &[]);
-        check("G(n: {\"a\": A(x: (1, 2])})", "G(n: {a: A(x: (1, 2))})", &["\"a\": A(x: (1, 2])"]);
+        check("G(n: {\"a\": A(x: (1, 2])})", "G(n: {a: A(x: (1, 2))})", &[]);
+        check("G(n: {\"a\": A(x: [1, 2)})", "G(n: {a: A(x: [1, 2])})", &["\"a\": A(x: [1, 2)"]);
+        check("G(n: {\"a\": A(x: [1, 2))})", "G(n: {a: A(x: [1, 2])})", &[]);
+        check("G(n: {\"a\": A(x: [1, 2), y: 3)})", "G(n: {a: A(x: [1, 2], y: 3)})", &[]);
+        check("G(n: {\"a\": A(x: 1], \"b\": B(y: 2)})", "G(n: {a: A(x: 1), b: B(y: 2)})", &[]);
+        check("G(n: {\"a\": A(x: [(1, 2], (3, 4)])})", "G(n: {a: A(x: [(1, 2), (3, 4)])})", &[]);
+        check("G(n: {\"a\": A(x: [(1, 2]])})", "G(n: {a: A(x: [(1, 2)])})", &[]);
+        check("G(n: {\"a\": A(x: 1)), o: {\"b\": \"a\"})", "G(n: {a: A(x: 1)}, o: {b: a})", &[]);
+        check("G(n: {\"a\": A(x: 1)}]", "G(n: {a: A(x: 1)})", &[]);
     }
 
     #[test]
@@ -513,6 +392,20 @@ mod tests {
         let messages = found.mistakes.iter().map(|mistake| &mistake.message[..]);
         let expected =
             ["this `(` is not closed before the `}` at 1:37", "there is no comma before `z`"];
+        assert_eq!(Vec::from_iter(messages), expected);
+    }
+
+    #[test]
+    fn every_wrong_bracket_is_told_once_with_what_was_expected() {
+        let text = "G(n: {\"a\": A(x: (1, 2]), \"b\": B(y: [1)), \"c\": C(z: 1}}, o: {}]";
+        let found = recovered(text, &parse(text).1).unwrap();
+        let messages = found.mistakes.iter().map(|mistake| &mistake.message[..]);
+        let expected = [
+            "expected `)`, which closes the `(` at 1:17, found `]`",
+            "expected `]`, which closes the `[` at 1:36, found `)`",
+            "expected `)`, which closes the `(` at 1:48, found `}`",
+            "expected `)`, which closes the `(` at 1:2, found `]`",
+        ];
         assert_eq!(Vec::from_iter(messages), expected);
     }
 
