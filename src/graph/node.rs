@@ -120,10 +120,8 @@ impl Check<'_, '_> {
         };
         let file = |given: &str, path: &Path, needed| NodeFile {
             given: given.to_owned(),
-            path: path.to_owned(),
             needed,
-            roots: roots.clone(),
-            missing: None,
+            ..NodeFile::given(path, roots.clone())
         };
         let named = survey.files.iter().map(|found| NodeFile {
             missing: self.world.missing.get(&self.place_of(found)).cloned(),

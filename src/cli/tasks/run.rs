@@ -157,9 +157,9 @@ impl Batch<'_> {
     /// What each node of a task would do now, with the hash of what it is made of.
     pub(crate) fn forecast(&self, session: &mut Session, task: &Task) -> Vec<(Hash, Forecast)> {
         let Loaded { graph: Some(graph), .. } = self.load(session, task) else { return Vec::new() };
-        let Ok(graph) = self.fed(session, &graph, task).map(|(graph, _)| graph) else {
-            return Vec::new();
-        };
+        let known = session.known_inputs(&graph, &task.row.inputs);
+        let graph = known.and_then(|(known, _)| session.fed_with_known(&graph, &known));
+        let Ok(graph) = graph else { return Vec::new() };
         let graph = session.as_last_known(&graph);
         let made = session.made_of_nodes(&graph);
         let folder = self.folder_of(task);
