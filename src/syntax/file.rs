@@ -24,6 +24,9 @@ pub struct Mistake {
 /// What is said of a text without an end.
 pub(super) const NO_END: &str = "this text has an unknown escape or no end";
 
+/// What is said of a comment without an end.
+pub(super) const OPEN_COMMENT: &str = "this comment is never closed";
+
 /// What is said of a bracket that is one too many.
 pub(super) const CLOSES_NOTHING: &str = " closes nothing";
 
@@ -177,7 +180,7 @@ fn strange_spaces(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
                 None => continue,
             },
             SyntaxKind::BlockComment if !is_closed(piece) => {
-                (0, "this comment is never closed", "put a `*/` where it ends")
+                (0, OPEN_COMMENT, "put a `*/` where it ends")
             }
             _ => continue,
         };

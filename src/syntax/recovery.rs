@@ -9,7 +9,7 @@ use ronin_core::SyntaxKind;
 
 use super::brackets::Brackets;
 use super::cursor::recovered_tokens;
-use super::file::{CLOSES_NOTHING, Mistake, NO_END, parse, raw_tokens};
+use super::file::{CLOSES_NOTHING, Mistake, NO_END, OPEN_COMMENT, parse, raw_tokens};
 use super::marks::conflict_marks;
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
@@ -39,7 +39,9 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     let mut repair = Repair { text: text.to_owned(), places, doubtful: Vec::new() };
     let mut mistakes = found.to_vec();
     let strings = unclosed_strings(text);
-    if !strings.is_empty() && !found.iter().any(|mistake| mistake.message == NO_END) {
+    // A text or comment without an end has all of the rest in it.
+    let is_swallowed = found.iter().any(|it| [NO_END, OPEN_COMMENT].contains(&&it.message[..]));
+    if !strings.is_empty() && !is_swallowed {
         // Whatever else the parser finds follows from them.
         mistakes = strings.iter().map(|(string, _)| no_quote(*string)).collect();
     }
@@ -48,7 +50,7 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     repair.apply(&quotes);
     let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
     // Of several wrong brackets the parser finds the first one.
-    if !wrong.is_empty() {
+    if !wrong.is_empty() && !is_swallowed {
         mistakes.retain(|known| !is_about_bracket(known));
         let known = |wrong: &Mistake| {
             let known = |known: &&Mistake| is_about_bracket(known) && known.span == wrong.span;
@@ -59,9 +61,9 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     repair.doubt(&doubtful);
     repair.apply(&brackets);
     // Behind an unclosed bracket or string the parser reports nothing.
-    let is_hidden = !quotes.is_empty() || !brackets.is_empty();
+    let is_hidden = !is_swallowed && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
-    let Separators { edits, doubtful } = Separators::of(&repair.text);
+    let Separators { edits, doubtful, strange } = Separators::of(&repair.text);
     // What else the parser finds in this text follows from these.
     let begins = |edit: &Edit| {
         let rest = &repair.text[edit.0.start..];
@@ -74,8 +76,10 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
         ..mistake.clone()
     };
     let hidden = hidden.iter().filter(|mistake| begins.contains(&mistake.span.start));
-    let mut hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
-    repair.doubt(&doubtful);
+    let hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
+    let of_brackets = repair.doubtful.len();
+    repair.doubt(&strange);
+    let narrow = Vec::from_iter(doubtful.iter().map(|span| repair.place(*span)));
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
     // A bracket that was guessed in a wrong place leaves pieces that make no sense.
@@ -86,20 +90,20 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if !brackets.is_empty() && left.iter().any(is_misplaced) {
         return None;
     }
-    let certain = repair.doubtful.len();
-    if is_hidden {
-        hidden.extend(left.iter().map(|mistake| moved(&repair, mistake)));
-    }
+    let of_signs = repair.doubtful.len();
     repair.doubt(&Vec::from_iter(left.iter().map(|mistake| mistake.span)));
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
-    let doubtful = Vec::from_iter(doubtful);
-    let is_new = |mistake: &Mistake| {
-        !doubtful[..certain].iter().any(|part| overlaps(*part, mistake.span))
-            && !mistakes.iter().any(|known| overlaps(known.span, mistake.span))
-    };
-    let hidden = Vec::from_iter(hidden.into_iter().filter(is_new));
-    mistakes.extend(hidden);
+    let doubtful = Vec::from_iter(doubtful.chain(narrow));
+    // What is misplaced does not follow from itself.
+    let left = left.iter().filter(|_| is_hidden).map(|mistake| moved(&repair, mistake));
+    let all = hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
+    for (mistake, certain) in all.collect::<Vec<_>>() {
+        let is_at = |span: &Span| overlaps(*span, mistake.span);
+        if !doubtful[..certain].iter().any(is_at) && !mistakes.iter().any(|it| is_at(&it.span)) {
+            mistakes.push(mistake);
+        }
+    }
     // Of brackets that end the value too early.
     mistakes.sort_by_key(|mistake| (is_behind_the_end(mistake), mistake.span));
     mistakes.dedup_by(|it, _| is_behind_the_end(it));
@@ -227,7 +231,10 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
 #[derive(Default)]
 struct Separators {
     edits: Vec<Edit>,
+    /// Parts that may have another name, or none.
     doubtful: Vec<Span>,
+    /// Signs that have no meaning.
+    strange: Vec<Span>,
 }
 
 impl Separators {
@@ -258,7 +265,7 @@ impl Separators {
                     let is_colon =
                         &text[at.start..at.end] == "=" && !open.last().is_some_and(|open| open.1);
                     it.edits.push((at, if is_colon { ":" } else { " " }.into()));
-                    it.doubtful.push(at);
+                    it.strange.push(at);
                     if is_colon {
                         name(&mut open, true);
                         before = Some(Colon);
@@ -374,8 +381,8 @@ mod tests {
     fn commas_colons_and_quotes_are_put_in() {
         check("G(n: {\"a\": A(x: 1 y: 2)})", "G(n: {a: A(x: 1, y: 2)})", &[]);
         check("G(n: {\"a\": A(x: 1) \"b\": B()} o: {})", "G(n: {a: A(x: 1), b: B()}, o: {})", &[]);
-        check("G(n: {\"a\": A(x: (1 2))})", "G(n: {a: A(x: (1, 2))})", &["\"a\": A(x: (1 2))"]);
-        check("G(n: {\"a\" A(x: 1)})", "G(n: {a: A(x: 1)})", &["\"a\" A(x: 1)"]);
+        check("G(n: {\"a\": A(x: (1 2))})", "G(n: {a: A(x: (1, 2))})", &["2"]);
+        check("G(n: {\"a\" A(x: 1)})", "G(n: {a: A(x: 1)})", &["A"]);
         check("G(n: {\"a\": A(x = 1)})", "G(n: {a: A(x: 1)})", &["\"a\": A(x = 1)"]);
         check("G(n: {\"a\": A(x: 1,, y: 2)})", "G(n: {a: A(x: 1, y: 2)})", &[]);
         check(
@@ -407,6 +414,15 @@ mod tests {
             "expected `)`, which closes the `(` at 1:2, found `]`",
         ];
         assert_eq!(Vec::from_iter(messages), expected);
+    }
+
+    #[test]
+    fn a_text_that_is_cut_off_in_a_word_or_comment_has_one_mistake() {
+        for text in ["G(n: {\"a\": A(x: 1), \"b", "G(n: {\"a\": A(x: [1, /* two"] {
+            let found = parse(text).1;
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert_eq!(recovered(text, &found).map_or(found.clone(), |it| it.mistakes), found);
+        }
     }
 
     #[test]
