@@ -180,7 +180,7 @@ fn a_large_file_at_an_input_that_has_not_changed_is_known_by_its_stamp() {
     assert_eq!(lines, ["cached mesh", "cached lifted"], "{text}");
     let (_, text) =
         told(&project, &[&["run", "doll.ron", "-n", "--set", "lift=6"], &input[..]].concat());
-    assert!(text.contains("parameter `translate` (0, 5, 0) -> (0, 6, 0)"), "{text}");
+    assert!(text.contains("parameter `translate[1]` 5 -> 6"), "{text}");
     write("v 8 0 0");
     let (lines, text) = dry();
     assert_eq!(lines, ["may run", "may run"].map(str::to_owned), "{text}");
