@@ -4,7 +4,7 @@ use ronin_core::SyntaxKind;
 
 use super::file::{CLOSES_NOTHING, Mistake, ONE_TOO_MANY, closing, raw_tokens};
 use super::help::Help;
-use super::recovery::{Edit, Repair};
+use super::repair::{Edit, Repair};
 use crate::error::{Place, Span};
 
 /// A bracket that is open.

@@ -31,6 +31,7 @@ mod phrases;
 mod problems;
 mod reader;
 mod recovery;
+mod repair;
 pub mod ron;
 mod schema;
 mod sheet;

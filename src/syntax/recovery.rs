@@ -11,6 +11,7 @@ use super::brackets::Brackets;
 use super::cursor::recovered_tokens;
 use super::file::{CLOSES_NOTHING, Mistake, NO_END, OPEN_COMMENT, parse, raw_tokens};
 use super::marks::conflict_marks;
+use super::repair::{Edit, Repair};
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
 
@@ -23,9 +24,6 @@ pub(crate) struct Recovered {
     pub doubtful: Vec<Span>,
 }
 
-/// A text in the place of a part of another one.
-pub(super) type Edit = (Span, String);
-
 /// A text with more syntax errors is not read: it is no graph that somebody edits, and each error costs a look at the whole text.
 const MAX_MISTAKES: usize = 1000;
 
@@ -35,8 +33,7 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if conflict_marks(text).is_some() || MAX_MISTAKES < found.len() {
         return None;
     }
-    let places = (0..=text.len()).collect();
-    let mut repair = Repair { text: text.to_owned(), places, doubtful: Vec::new() };
+    let mut repair = Repair::of(text);
     let mut mistakes = found.to_vec();
     let strings = unclosed_strings(text);
     // A text or comment without an end has all of the rest in it.
@@ -130,46 +127,6 @@ fn no_quote(string: Span) -> Mistake {
 pub(crate) fn overlaps(a: Span, b: Span) -> bool {
     a.start <= b.start && b.start < a.end.max(a.start + 1)
         || b.start <= a.start && a.start < b.end.max(b.start + 1)
-}
-
-/// A text that is being repaired.
-pub(super) struct Repair {
-    pub(super) text: String,
-    /// For each byte of it, and its end, the place in the text as it was.
-    places: Vec<usize>,
-    /// Places in the text as it was.
-    doubtful: Vec<Span>,
-}
-
-impl Repair {
-    /// Makes edits, which are in order.
-    fn apply(&mut self, edits: &[Edit]) {
-        let (mut text, mut places, mut copied) = (String::new(), Vec::new(), 0);
-        for (span, new) in edits {
-            if span.start < copied {
-                continue;
-            }
-            text.push_str(&self.text[copied..span.start]);
-            places.extend(&self.places[copied..span.start]);
-            text.push_str(new);
-            places.extend(std::iter::repeat_n(self.places[span.start], new.len()));
-            copied = span.end;
-        }
-        text.push_str(&self.text[copied..]);
-        places.extend(&self.places[copied..]);
-        (self.text, self.places) = (text, places);
-    }
-
-    pub(super) fn place(&self, span: Span) -> Span {
-        let end = self.text.len();
-        let [start, end] = [span.start, span.end].map(|at| self.places[at.min(end)]);
-        Span { start, end: end.max(start) }
-    }
-
-    fn doubt(&mut self, spans: &[Span]) {
-        let places = Vec::from_iter(spans.iter().map(|span| self.place(*span)));
-        self.doubtful.extend(places);
-    }
 }
 
 fn move_back(tree: &mut Tree, repair: &Repair) {
