@@ -2,7 +2,7 @@
 
 use ronin_core::SyntaxKind;
 
-use super::file::{CLOSES_NOTHING, Mistake, ONE_TOO_MANY, closing, raw_tokens};
+use super::file::{CLOSES_NOTHING, Mistake, ONE_TOO_MANY, closing, first_word, raw_tokens};
 use super::help::Help;
 use super::repair::{Edit, Repair};
 use crate::error::{Place, Span};
@@ -14,7 +14,11 @@ struct Open {
     /// Where the part of it begins that is being read.
     part: Option<usize>,
     has_names: bool,
-    has_items: bool,
+    /// How many parts without a name are behind commas.
+    items: usize,
+    /// Whether its first part is a text, behind which fields may come: `Graph("lib.ron", version: "1.0")`, and in sweeps
+    /// `picture: ("model.glb", zoom: 2)`.
+    is_of_text: bool,
 }
 
 impl Open {
@@ -29,7 +33,10 @@ impl Open {
     /// Returns true if a part with such a name can be in it.
     fn takes(&self, name: SyntaxKind) -> bool {
         match self.kind {
-            SyntaxKind::LParen => name == SyntaxKind::Ident && (self.has_names || !self.has_items),
+            SyntaxKind::LParen => {
+                let most = usize::from(self.is_of_text);
+                name == SyntaxKind::Ident && (self.has_names || self.items <= most)
+            }
             SyntaxKind::LBrace => name == SyntaxKind::String,
             _ => false,
         }
@@ -65,17 +72,21 @@ impl<'t> Brackets<'t> {
         let tokens = Vec::from_iter(raw_tokens(&repair.text).filter(|(kind, _)| !kind.is_trivia()));
         let (edits, doubtful, wrong, open) = Default::default();
         let mut it = Self { repair, text, tokens, edits, doubtful, wrong, open };
+        let is_sweep = first_word(&repair.text) == "Sweep";
         for index in 0..it.tokens.len() {
             let (kind, at) = it.tokens[index];
             match kind {
                 LParen | LBracket | LBrace => {
                     it.begin(at.start);
-                    let (part, has_names, has_items) = (None, false, false);
-                    it.open.push(Open { kind, at, part, has_names, has_items });
+                    let is_call = index > 0 && it.tokens[index - 1].0 == SyntaxKind::Ident;
+                    let first = it.tokens.get(index + 1).map(|(kind, _)| *kind);
+                    let is_of_text = (is_call || is_sweep) && first == Some(SyntaxKind::String);
+                    let (part, has_names, items) = (None, false, 0);
+                    it.open.push(Open { kind, at, part, has_names, items, is_of_text });
                 }
                 Comma => {
                     if let Some(open) = it.open.last_mut() {
-                        open.has_items |= open.part.is_some() && !open.has_names;
+                        open.items += usize::from(open.part.is_some() && !open.has_names);
                         open.part = None;
                     }
                 }
@@ -128,20 +139,22 @@ impl<'t> Brackets<'t> {
             self.open.pop();
             return;
         }
-        // It stands for another one, closes an outer bracket, or is one too many: whatever agrees with what follows.
+        // It closes an outer bracket, stands for another one, or is one too many: whatever agrees with what follows.
         let outer = self.open.iter().rposition(|open| open.kind == opener);
-        let may_close = outer.is_some_and(|outer| self.agrees(outer, index + 1));
-        if !may_close && self.agrees(last, index + 1) {
+        let next = self.tokens.get(index + 1);
+        let is_before_another = next.is_some_and(|(kind, _)| opener_of(*kind).is_some());
+        let closes = outer.is_some_and(|outer| self.agrees(outer, index + 1));
+        if !closes && self.agrees(last, index + 1) {
             self.replace(at);
+        } else if !closes && self.agrees(last + 1, index + 1) {
+            self.remove(at);
         } else if let Some(outer) = outer {
             let end = index.checked_sub(1).map_or(at.start, |before| self.tokens[before].1.end);
             self.close(outer + 1, end, Some(at));
             self.open.pop();
+        } else if is_before_another {
+            self.remove(at);
         } else {
-            let next = self.tokens.get(index + 1);
-            if next.is_some_and(|(kind, _)| opener_of(*kind).is_some()) {
-                return self.remove(at);
-            }
             self.replace(at);
         }
     }

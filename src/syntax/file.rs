@@ -143,6 +143,12 @@ pub fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     if mistakes.is_empty() {
         mistakes.extend(unclosed);
     }
+    if let Some((_, last)) = tokens.last().filter(|_| is_swallowed) {
+        let is_of_end = |it: &Mistake| [NO_END, OPEN_COMMENT].contains(&&it.message[..]);
+        if mistakes.iter().any(is_of_end) {
+            mistakes.retain(|mistake| mistake.span.start < last.start || is_of_end(mistake));
+        }
+    }
     // Whatever else is wrong follows from them.
     if !mistakes.is_empty()
         && let Some(marks) = conflict_marks(text)

@@ -10,6 +10,9 @@ use crate::error::{Problem, Severity, Source, code};
 /// Mistakes that the parser finds in a text as problems, with those that they hide.
 pub fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<Problem> {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
+    if mistakes.is_empty() {
+        return Vec::new();
+    }
     let mistakes = recovered(text, &mistakes).map_or(mistakes, |found| found.mistakes);
     let problem = |Mistake { span, message, help }: Mistake| Problem {
         fix: help.edits(text, span),

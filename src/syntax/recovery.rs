@@ -374,6 +374,19 @@ mod tests {
     }
 
     #[test]
+    fn calls_with_a_text_before_their_fields_are_in_order() {
+        let check = |text: &str, right: &str| check(text, &shown(&parse(right).0), &[]);
+        let right = "G(u: {\"L\": Graph(\"l.ron\", version: \"1\")}, n: {\"a\": A(x: 1, y: 2)})";
+        check(&right.replace("1, y", "1 y"), right);
+        check(
+            "S(o: Graph(\"a\", version: \"b\"), p: 1], q: 2)",
+            "S(o: Graph(\"a\", version: \"b\"), p: 1, q: 2)",
+        );
+        check("Sweep(p: (\"m\", z: 1]), q: 2)", "Sweep(p: (\"m\", z: 1), q: 2)");
+        check("S(o: V(\"a\", [1, 2], p: 1)", "S(o: V(\"a\", [1, 2]), p: 1)");
+    }
+
+    #[test]
     fn a_text_that_is_cut_off_in_a_word_or_comment_has_one_mistake() {
         for text in ["G(n: {\"a\": A(x: 1), \"b", "G(n: {\"a\": A(x: [1, /* two"] {
             let found = parse(text).1;
