@@ -5,7 +5,9 @@ pub use baking::{Baking, Level};
 use level::Leveled;
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise};
+use maquette_node::{
+    Carry, Context, Error, Estimate, Fate, FieldError, In, Limit, Node, Progress, Promise,
+};
 use maquette_value::{Image, Mask, Mesh, Rgb, Value};
 use membrane::Membrane;
 use nalgebra::Matrix4;
@@ -67,6 +69,10 @@ impl Node for Bake {
         Carry::all("mesh", "mesh", Fate::Kept).but(&["uv", "color"]),
         Carry::all("captures", "mesh", Fate::Dropped),
     ];
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.layout.check_fields()
+    }
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let pixels = (self.layout.size.min(SIZE.most) as f64) * self.layout.size as f64;

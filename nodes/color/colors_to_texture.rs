@@ -1,7 +1,7 @@
 //! Draws the colors of vertices as a picture.
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise,
+    Cancelled, Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Progress, Promise,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, Rgb};
@@ -53,6 +53,10 @@ impl Node for ColorsToTexture {
 
     const CARRIES: &'static [Carry] =
         &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv", "color"])];
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.layout.check_fields()
+    }
 
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
         let pixels = self.layout.size.min(SIZE.most) as f64 * self.layout.size as f64;

@@ -2,7 +2,7 @@
 
 use chart::Chart;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
+use maquette_node::{Cancelled, FieldError, Limit, Progress, TooMuch};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::{Vector2, Vector3};
@@ -116,6 +116,20 @@ pub enum LayoutError {
 }
 
 impl Layout {
+    /// Checks that there is room for a chart beside its padding.
+    ///
+    /// # Errors
+    /// If the atlas holds no chart of any mesh.
+    pub(crate) fn check_fields(&self) -> Result<(), FieldError> {
+        let Self { size, padding, .. } = *self;
+        if padding < size {
+            return Ok(());
+        }
+        let message =
+            format!("`padding` is {padding} px, which leaves no room in {size} x {size} px");
+        Err(FieldError::new("padding", message, "choose a larger `size`, or a smaller `padding`"))
+    }
+
     /// # Errors
     /// If a parameter is out of its range.
     pub(crate) fn check(&self) -> Result<(), LayoutError> {

@@ -1,6 +1,6 @@
 //! Lays a mesh out flat.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Fate, FieldError, In, Node, Promise};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -31,6 +31,10 @@ impl Node for Unwrap {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"])];
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.layout.check_fields()
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((lay_out(cx.get(&self.mesh), &self.layout, cx.progress())?.mesh,))

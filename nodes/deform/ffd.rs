@@ -1,7 +1,7 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
 use maquette_mesh::Movable;
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Promise};
 use maquette_value::{Handle, HandleSpace, Handles};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -74,6 +74,23 @@ impl Node for Ffd {
         Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept),
         Carry::all("frame", "mesh", Fate::Dropped).and_cells(Fate::Dropped),
     ];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let background = self.how.background;
+        if background > 0.0 && self.mode != Mode::Displacement {
+            let help = "leave `background` or `mode` out";
+            return Err(FieldError::new("mode", FfdError::Background { background }, help));
+        }
+        let handles = self.handles.len();
+        let is_lacking = |target: &&Target| handles <= target.handle as usize;
+        match self.targets.iter().find(is_lacking).filter(|_| self.layout.is_none()) {
+            Some(&Target { handle, .. }) => {
+                let error = FfdError::NoHandle { handle: handle as usize, handles };
+                Err(FieldError::new("targets", error, "add the handle, or leave the target out"))
+            }
+            None => Ok(()),
+        }
+    }
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).at().len());

@@ -1,7 +1,7 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
 use maquette_base::limits::POINTS;
-use maquette_node::{Context, Error, In, Node, Progress};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use schemars::JsonSchema;
@@ -71,6 +71,25 @@ fn three() -> usize {
 impl Node for ControlNet {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let (field, given) = match self.rows {
+            0 => ("columns", self.columns),
+            rows => ("rows", rows),
+        };
+        match self.method {
+            _ if given == 0 => Ok(()),
+            NetMethod::Auto | NetMethod::Grid => {
+                let help = "choose a method that takes them, or leave them out";
+                Err(FieldError::new(field, NetError::FixedSize, help))
+            }
+            _ if self.rows == 1 || self.columns == 1 => {
+                let field = if self.rows == 1 { "rows" } else { "columns" };
+                Err(FieldError::new(field, NetError::OneLine, "write at least 2"))
+            }
+            _ => Ok(()),
+        }
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (region, range) = (cx.get(&self.region), cx.get(&self.range));

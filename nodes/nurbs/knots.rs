@@ -1,6 +1,6 @@
 //! Places the knots of one direction of a surface.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, FieldError, In, Node};
 use maquette_value as value;
 use maquette_value::{Along, KnotVector};
 use schemars::JsonSchema;
@@ -32,6 +32,21 @@ fn three() -> usize {
 impl Node for Knots {
     type Outputs = (KnotVector,);
     const OUTPUTS: [&'static str; 1] = ["knots"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        match (&self.kind, self.order) {
+            (KnotsKind::Cylinder, order) if order != 3 => {
+                let message = format!("`Cylinder` is for order 3, not {order}");
+                Err(FieldError::new("order", message, "leave `order` out"))
+            }
+            (KnotsKind::Values(values), order) => {
+                let help = "write as many knots as control points and order together, none below the one before it";
+                let made = KnotVector::new(order.saturating_sub(1), values.clone());
+                made.map(drop).map_err(|why| FieldError::new("kind", why, help))
+            }
+            _ => Ok(()),
+        }
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((knots(cx.get(&self.net), self.along, self.order, &self.kind)?,))

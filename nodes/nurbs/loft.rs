@@ -1,7 +1,7 @@
 //! Makes a control net of sections.
 
 use maquette_base::limits::POINTS;
-use maquette_node::{Context, Error, In, Node, TooMuch};
+use maquette_node::{Context, Error, FieldError, In, Node, TooMuch};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Curve, KnotVector};
 use nalgebra::Point3;
@@ -65,6 +65,38 @@ pub enum LoftError {
 impl Node for Loft {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let count = self.sections.len() + self.curves.len() + usize::from(self.end.is_some());
+        let lengths = || self.sections.iter().map(Vec::len);
+        if let Some(section) = lengths().position(|length| length == 0) {
+            let help = "write its points, or leave it out";
+            return Err(FieldError::new("sections", LoftError::Empty { section }, help));
+        }
+        if count == 0 {
+            let help =
+                "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
+            return Err(FieldError::new("", LoftError::Nothing, help));
+        }
+        // No surface has such a net.
+        if count == 1 {
+            let message = "expected at least 2 sections, found 1";
+            return Err(FieldError::new("", message, "link or write another one, or an `end`"));
+        }
+        let columns = match self.columns {
+            0 if !self.curves.is_empty() => return Ok(()),
+            0 => lengths().max().unwrap_or(1),
+            columns => columns,
+        };
+        if columns < 2 {
+            let (field, help) = match self.columns {
+                0 => ("sections", "give a section more points"),
+                _ => ("columns", "write at least 2, or leave `columns` out"),
+            };
+            return Err(FieldError::new(field, LoftError::OneColumn { columns }, help));
+        }
+        Ok(())
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let curves: Vec<&Curve> = self.curves.iter().map(|curve| cx.get(curve)).collect();

@@ -1,6 +1,6 @@
 //! Moves the free points of a control net.
 
-use maquette_node::{Context, Error, In, Node, Progress};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Direction, DirectionError, Field, Region};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
@@ -71,6 +71,14 @@ pub enum OffsetError {
 impl Node for OffsetNet {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        if self.profile == Profile::Picture && self.picture.is_none() {
+            let help = "link a field, as `picture: \"node\"`, or choose another profile";
+            return Err(FieldError::new("profile", ProfileError::NoPicture, help));
+        }
+        Ok(())
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let normal = self.normal.as_ref().map(|normal| cx.get(normal).vector());

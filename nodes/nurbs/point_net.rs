@@ -1,6 +1,6 @@
 //! Makes a control net of points that stand in the graph file.
 
-use maquette_node::{Context, Error, Node};
+use maquette_node::{Context, Error, FieldError, Node};
 use maquette_value as value;
 use maquette_value::ControlNetError;
 use nalgebra::Point3;
@@ -18,6 +18,20 @@ pub struct PointNet {
 impl Node for PointNet {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let help = "write at least two rows of equally many points, as `[[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]`";
+        let refused = |why: &dyn std::fmt::Display| FieldError::new("points", why, help);
+        let net = point_net(&self.points).map_err(|why| refused(&why))?;
+        // No surface has such a net.
+        match (net.rows(), net.columns()) {
+            (2.., 2..) => Ok(()),
+            (rows, columns) => {
+                let wanted = "expected at least 2 rows and 2 columns";
+                Err(refused(&format!("{wanted}, found {rows} and {columns}")))
+            }
+        }
+    }
 
     fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((point_net(&self.points)?,))

@@ -1,6 +1,6 @@
 //! Makes a control net of a profile that turns around an axis.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, FieldError, In, Node};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Curve};
 use nalgebra::Point3;
@@ -59,6 +59,27 @@ pub enum RevolveError {
 impl Node for Revolve {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        if self.curve.is_some() != self.profile.is_empty() {
+            let help = match self.curve {
+                Some(_) => "leave `profile` out",
+                None => "link a curve, or write `profile: [(1, 0), (1, 5)]`",
+            };
+            return Err(FieldError::new("profile", RevolveError::OneProfile, help));
+        }
+        if self.curve.is_some() {
+            return Ok(());
+        }
+        let help = "write at least two points, each with a distance from 0 on and a height";
+        let net = revolve(&self.profile).map_err(|why| FieldError::new("profile", why, help))?;
+        // No surface has such a net.
+        if net.rows() < 2 {
+            let message = "expected a profile of at least 2 points, found 1";
+            return Err(FieldError::new("profile", message, help));
+        }
+        Ok(())
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         match self.curve.as_ref().map(|curve| cx.get(curve)) {

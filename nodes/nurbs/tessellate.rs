@@ -1,7 +1,7 @@
 //! Makes a mesh of a surface.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_node::{Context, Error, Estimate, FieldError, In, Node, Promise, TooMuch};
 use maquette_value::{Mesh, MeshError, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -48,6 +48,16 @@ impl Node for Tessellate {
     const PROMISES: &'static [Promise<Self>] =
         &[Promise::never("mesh", "Triangles")
             .when("without `tolerance`", |it| it.tolerance == 0.0)];
+
+    fn check(&self) -> Result<(), FieldError> {
+        match (self.tolerance == 0.0, [self.u, self.v]) {
+            (true, _) | (false, [0, 0]) => Ok(()),
+            (false, _) => {
+                let help = "leave `tolerance` out, or `u` and `v`";
+                Err(FieldError::new("tolerance", TessellateError::Both, help))
+            }
+        }
+    }
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let vertices = vertices(cx.get(&self.surface), [self.u, self.v]);

@@ -1,7 +1,7 @@
 //! Tells the object from its background.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, FieldError, In, Node};
 use maquette_value::parallel::*;
 use maquette_value::{Color, Image, Mask, RangeImage};
 use schemars::JsonSchema;
@@ -87,6 +87,17 @@ pub enum ForegroundError {
 impl Node for Foreground {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let (by, port, is_linked) = match self.by {
+            ForegroundBy::Valid => ("Valid", "range", self.range.is_some()),
+            ForegroundBy::KeyColor { .. } => ("KeyColor", "image", self.image.is_some()),
+            ForegroundBy::Luma { .. } => ("Luma", "image", self.image.is_some()),
+        };
+        let help = format!("link it, as `{port}: \"node\"`, or choose by something else");
+        let missing = || FieldError::new("by", ForegroundError::Missing { by, port }, help);
+        is_linked.then_some(()).ok_or_else(missing)
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let range = self.range.as_ref().map(|range| cx.get(range));

@@ -1,6 +1,6 @@
 //! Takes away cells of a range image.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node};
+use maquette_node::{Carry, Context, Error, Fate, FieldError, In, Node};
 use maquette_value::{Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -31,6 +31,17 @@ impl Node for KeepCells {
     const OUTPUTS: [&'static str; 1] = ["range"];
 
     const CARRIES: &'static [Carry] = &[Carry::cells("range", "range", Fate::Kept)];
+
+    fn check(&self) -> Result<(), FieldError> {
+        match self.within {
+            Some(Within::Attribute { .. }) => {
+                let message = "cells have no attributes that say where they are";
+                let help = "choose another part of space, or link a `mask`";
+                Err(FieldError::new("within", message, help))
+            }
+            _ => Ok(()),
+        }
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let range = cx.get(&self.range);

@@ -6,7 +6,7 @@ use depth::Depth;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::{MergeError, Poses, merge};
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, TooMuch, Want,
+    Cancelled, Carry, Context, Error, Fate, FieldError, In, Node, Progress, Promise, TooMuch, Want,
 };
 use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
@@ -155,6 +155,15 @@ impl Node for Hollow {
         "mesh",
         [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
     )];
+
+    fn check(&self) -> Result<(), FieldError> {
+        let (spacing, most) = (self.spacing, self.thickness / 2.0);
+        if most < spacing {
+            let help = "write 0, which takes that half, or a thicker wall";
+            return Err(FieldError::new("spacing", HollowError::Spacing { spacing, most }, help));
+        }
+        Ok(())
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

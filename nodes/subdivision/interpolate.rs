@@ -1,7 +1,8 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, TooMuch, Want,
+    Cancelled, Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Progress, Promise,
+    TooMuch, Want,
 };
 use maquette_value::{Attribute, Mesh, MeshError, Trace};
 use nalgebra::Point3;
@@ -154,6 +155,10 @@ impl Node for Interpolate {
             bytes: corners * per_corner,
             help: "interpolate a coarser mesh (`Simplify`)",
         })
+    }
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.options.how.check_fields()
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

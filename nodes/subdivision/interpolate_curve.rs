@@ -1,6 +1,6 @@
 //! Finds the control points of a smooth curve through given points.
 
-use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_node::{Cancelled, Context, Error, FieldError, In, Node, Progress};
 use maquette_value::{Curve, CurveError, KnotVectorError, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -61,6 +61,10 @@ pub enum InterpolateCurveError {
 impl Node for InterpolateCurve {
     type Outputs = (Curve, Trace);
     const OUTPUTS: [&'static str; 2] = ["curve", "trace"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.how.check_fields()
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let curve = cx.get(&self.curve);

@@ -2,7 +2,7 @@
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::parameters::parameters;
-use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_node::{Cancelled, Context, Error, FieldError, In, Node, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{
     Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,
@@ -70,6 +70,10 @@ pub enum InterpolateSurfaceError {
 impl Node for InterpolateSurface {
     type Outputs = (Surface, Trace);
     const OUTPUTS: [&'static str; 2] = ["surface", "trace"];
+
+    fn check(&self) -> Result<(), FieldError> {
+        self.how.check_fields()
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let net = cx.get(&self.points);

@@ -70,7 +70,7 @@ impl Diff {
 fn source(path: &Path) -> Result<Source, String> {
     let text = match path == Path::new("/dev/null") {
         true => Ok("Graph(format: 1)".to_owned()),
-        false => std::fs::read(path).and_then(plain::text_of),
+        false => plain::read_text(path),
     };
     let text = text.map_err(|error| format!("cannot read {}: {error}", path.shown()))?;
     Ok(Source { name: path.to_owned(), text })

@@ -40,9 +40,28 @@ impl InputOptions {
         Ok((session.fed(graph, &values)?, warnings))
     }
 
-    /// The same, where warnings and errors are printed at once.
+    /// The same for a forecast: large files are not read.
+    pub(super) fn foreseen(
+        &self,
+        session: &Session,
+        graph: &Graph,
+    ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
+        let (values, warnings) = session.known_inputs(graph, &self.files)?;
+        Ok((session.fed_with_known(graph, &values)?, warnings))
+    }
+
+    /// The graph with the values in the files, where warnings and errors are printed at once.
     pub(crate) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
-        match self.fed(session, graph) {
+        Self::reported(self.fed(session, graph))
+    }
+
+    /// The same for a forecast.
+    pub(crate) fn told_foreseen(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
+        Self::reported(self.foreseen(session, graph))
+    }
+
+    fn reported(found: Result<(Graph, Vec<Problem>), Vec<Problem>>) -> Result<Graph, Exit> {
+        match found {
             Ok((graph, warnings)) => {
                 report(&warnings);
                 Ok(graph)

@@ -82,7 +82,11 @@ impl Run {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let graph = match self.inputs.fed(&session, &graph) {
+        let fed = match self.dry_run {
+            true => self.inputs.foreseen(&session, &graph),
+            false => self.inputs.fed(&session, &graph),
+        };
+        let graph = match fed {
             Ok((graph, warnings)) => {
                 problems.extend(warnings);
                 graph

@@ -33,7 +33,7 @@ impl Why {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let graph = match self.inputs.told(&session, &graph) {
+        let graph = match self.inputs.told_foreseen(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };

@@ -4,6 +4,7 @@
 //! node's key is known before the node is run (`key`), so a result that is in the cache is never computed again. Nodes that do
 //! not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
 
+use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -104,6 +105,8 @@ pub struct Evaluator {
     fresh: bool,
     /// Which share of the results that could come from the cache is computed all the same, and compared.
     verify: f64,
+    /// The keys computed since the last evaluation ended, if results are verified: none is computed twice.
+    verified: Mutex<HashSet<Hash>>,
 }
 
 /// The most threads that are started: more machines do not have, and thousands would be busy with each other alone.
@@ -336,6 +339,7 @@ impl Evaluator {
             staged,
             fresh,
             verify: 0.0,
+            verified: Mutex::default(),
         })
     }
 
@@ -428,6 +432,7 @@ impl Evaluator {
     ) -> Evaluation {
         let mut evaluation = self.evaluate_alone(graph, roots, values, observer, cancel);
         evaluation.take_over(graph, std::mem::take(&mut self.staged));
+        lock(&self.verified).clear();
         evaluation
     }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
+use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, KnownInputs, Options};
 use maquette_node::CancelToken;
 use maquette_node::pack::{NewFile, Pack};
 use maquette_node::provenance::{Provenance, Signature};
@@ -19,6 +19,7 @@ use crate::expect;
 use crate::expect::Violation;
 
 mod elements;
+mod inputs;
 mod made;
 mod outputs;
 mod pins;
@@ -142,7 +143,19 @@ impl Session {
         graph: &Graph,
         files: &[(String, PathBuf)],
     ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
-        graph.read_inputs(files, &self.catalog)
+        inputs::read(self, graph, files)
+    }
+
+    /// What is known of these values without reading large files, for a forecast.
+    ///
+    /// # Errors
+    /// As [`read_inputs`](Self::read_inputs).
+    pub fn known_inputs(
+        &self,
+        graph: &Graph,
+        files: &[(String, PathBuf)],
+    ) -> Result<(KnownInputs, Vec<Problem>), Vec<Problem>> {
+        inputs::known(self, graph, files)
     }
 
     /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
@@ -325,6 +338,21 @@ impl Session {
             return Ok(graph.clone());
         }
         graph.with_inputs(inputs, &self.catalog)
+    }
+
+    /// The same for a forecast, with what is [known](Self::known_inputs) of the values.
+    ///
+    /// # Errors
+    /// As [`fed`](Self::fed).
+    pub fn fed_with_known(
+        &self,
+        graph: &Graph,
+        inputs: &KnownInputs,
+    ) -> Result<Graph, Vec<Problem>> {
+        if inputs.is_empty() && graph.inputs().is_empty() {
+            return Ok(graph.clone());
+        }
+        graph.with_known_inputs(inputs, &self.catalog)
     }
 
     /// Runs something on the session's threads.

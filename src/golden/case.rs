@@ -9,7 +9,8 @@ use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Problem, Source, Span, code};
 use maquette_syntax::paths::{MARKER, PathProblem, may_read, project_root};
 use maquette_syntax::{
-    Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, one_file_twice, parse, read_tree, twice,
+    Body, Doubts, Finding, Help, Kind, ReadText, Sheet, Tree, Walk, nearest_or_all, one_file_twice,
+    parse, read_tree, twice,
 };
 use maquette_value::plain;
 use schemars::JsonSchema;
@@ -80,6 +81,8 @@ pub struct TestFile {
     /// What must hold, and where that stands.
     pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
+    /// What cannot be read for sure, because of syntax errors.
+    pub(crate) doubts: Doubts,
 }
 
 pub(crate) struct TestCase {
@@ -152,19 +155,40 @@ fn read_source(
     fields: &Fields<'_>,
     findings: &mut Vec<Finding>,
 ) -> Option<TestFile> {
-    let (mut tree, mistakes) = parse(&source.text);
+    let parsed = parse(&source.text);
+    let is_empty = parsed.0.is_broken();
     let begin = "begin with `Test(graph: \"name.ron\")`";
     let mistake = |m: maquette_syntax::Mistake| match m.span.start {
         // The only mistake of a text with nothing in it.
-        0 if tree.is_broken() => finding(code::SYNTAX, m.span, m.message, begin),
+        0 if is_empty => finding(code::SYNTAX, m.span, m.message, begin),
         _ => finding(code::SYNTAX, m.span, m.message, m.help),
     };
+    let sheet = Sheet::new(source.clone(), PathBuf::new());
+    let ReadText { tree, mistakes, doubts } = ReadText::new(&sheet, parsed, &["Test"]);
     findings.extend(mistakes.into_iter().map(mistake));
-    if !findings.is_empty() {
-        return None;
+    let mut test = test_of(path, source, tree?, fields, findings);
+    if let Some(doubts) = doubts {
+        let is_certain = |it: &Finding| !doubts.cover(it.code, (source, it.span), &it.message);
+        findings.retain(is_certain);
+        if let Some(test) = &mut test {
+            let is_read = |(_, text): &(String, String)| parse(text).1.is_empty();
+            test.cases.iter_mut().for_each(|(_, case)| case.set.retain(is_read));
+            test.doubts = doubts;
+        }
     }
+    test
+}
+
+fn test_of(
+    path: &Path,
+    source: &Arc<Source>,
+    mut tree: Tree,
+    fields: &Fields<'_>,
+    findings: &mut Vec<Finding>,
+) -> Option<TestFile> {
     if tree.name().is_none_or(|name| name.text != "Test") {
         let message = format!("a test file holds Test(..), not {}", tree.in_words());
+        let begin = "begin with `Test(graph: \"name.ron\")`";
         findings.push(finding(code::SYNTAX, tree.span, message, begin));
         return None;
     }
@@ -255,6 +279,7 @@ fn read_source(
         compare: allowed.collect(),
         expect: test.expect.into_iter().zip(items).collect(),
         budget: test.budget,
+        doubts: Doubts::default(),
     })
 }
 

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use maquette_syntax::error::{MOST_TOLD, Span, Use, code};
-use maquette_syntax::{Finding, Help, Sheet};
+use maquette_syntax::{Doubts, Finding, Help, Sheet};
 
 use crate::world::World;
 
@@ -21,15 +21,15 @@ pub struct Check<'w, 'a> {
     pub(super) missing_packs: Vec<String>,
     /// What stands as a name and cannot be one, of which nothing more is said.
     pub(super) misnamed: HashSet<String>,
-    /// Of a text with syntax errors, the parts that may say something else than was meant.
-    pub(super) doubtful: Option<Vec<Span>>,
+    /// Of texts with syntax errors, the parts that may say something else than was meant.
+    pub(super) doubts: Option<Doubts>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
     pub fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
         let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
-        let doubtful = None;
-        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed, doubtful }
+        let doubts = None;
+        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed, doubts }
     }
 
     /// Whether the file is that of the graph itself, and not of one that it uses.

@@ -284,6 +284,9 @@ pub struct Survey {
     pub(crate) tree: Tree,
     pub(crate) links: Vec<FoundLink>,
     pub(crate) files: Vec<FoundFile>,
+    /// Whether it has other links than those that are written: without those to optional inputs that have no value, or as many as data
+    /// has elements. Then it may be one that nothing needs.
+    pub(crate) has_other_links: bool,
 }
 
 /// A built-in node, ready to be put into a graph.

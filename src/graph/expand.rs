@@ -18,7 +18,7 @@ use super::parameters::{Parameters, handed_over};
 use super::top::name_of;
 use super::unknown::unknown_node;
 use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
-use crate::definition::{Branches, Built, Draft, What, Whole};
+use crate::definition::{Branches, Built, Draft, Survey, What, Whole};
 use crate::flat::{Counts, Loop};
 use crate::world::{World, deeper};
 
@@ -361,6 +361,8 @@ impl<'a> Expansion<'_, 'a> {
             None => self.checked(definition, scope, |check| {
                 let tree = without_links(&one.tree(draft), &absent);
                 let survey = check.survey(&draft.what, &tree, scope.values(definition));
+                let has_other_links = takes_lists || !absent.is_empty();
+                let survey = Survey { has_other_links, ..survey };
                 survey.files.iter().for_each(|file| check.may_read(file));
                 let sound = check.is_sound_since(0) && survey.tree.is_whole();
                 let links = draft.links.iter().zip(&coming);

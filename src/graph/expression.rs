@@ -426,6 +426,9 @@ impl Parser<'_> {
                 _ => return Err(self.misfit(name, "a pure number", &parts[0])),
             },
         };
+        // `f64::min` and `libm::pow` may give a number all the same.
+        let is_none = from.iter().any(|x| x.is_nan());
+        let found = if is_none { Quantity { value: f64::NAN, ..found } } else { found };
         self.finite(found, name, start..self.next, &from)
     }
 
@@ -475,7 +478,7 @@ impl Parser<'_> {
             ">" => Outcome::Truth(a > b),
             ">=" => Outcome::Truth(a >= b),
             "==" => Outcome::Truth(a == b),
-            _ => Outcome::Truth(a != b),
+            _ => Outcome::Truth(a < b || a > b),
         })
     }
 

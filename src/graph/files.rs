@@ -30,6 +30,16 @@ pub struct NodeFile {
     pub roots: Arc<[PathBuf]>,
     /// What the check reports if the node needs it and it cannot be read.
     pub missing: Option<Arc<Problem>>,
+    /// Whether it is that of an input, which a forecast has not read.
+    pub is_unread: bool,
+}
+
+impl NodeFile {
+    /// A file that is given from outside, and may name others in these folders.
+    pub fn given(path: &Path, roots: Arc<[PathBuf]>) -> Self {
+        let (given, path) = (path.display().to_string(), path.to_owned());
+        Self { given, path, needed: true, roots, missing: None, is_unread: false }
+    }
 }
 
 /// A file that was read, and what the system said of it then.
@@ -60,6 +70,43 @@ impl AsRead {
 /// The files that were read, by path, with what the system said of them then.
 #[derive(Default)]
 pub struct Known(Mutex<HashMap<PathBuf, AsRead>>);
+
+impl KnownFile {
+    /// Returns the hash of what was read, if the file and those that it names are as they were then.
+    pub fn hash(&self) -> Option<Hash> {
+        self.as_read.is_as_it_was(Stamp::of(&self.path)?).then_some(self.as_read.hash)
+    }
+}
+
+/// What the system says of a file and of those that it names before they are read.
+pub struct Stamps {
+    path: PathBuf,
+    own: Option<Stamp>,
+    companions: RefCell<Vec<(PathBuf, Option<Stamp>)>>,
+}
+
+impl Stamps {
+    pub fn of(path: &Path) -> Self {
+        Self { path: path.to_owned(), own: Stamp::of(path), companions: RefCell::default() }
+    }
+
+    /// Adds a file that it names.
+    pub fn add(&self, companion: &Path) {
+        self.companions.borrow_mut().push((companion.to_owned(), Stamp::of(companion)));
+    }
+
+    /// What a forecast need not read if the value in the file has this hash. None for small files, and where a later write could go
+    /// unnoticed.
+    pub fn known(self, hash: Hash) -> Option<KnownFile> {
+        let (stamp, companions) = (self.own?, self.companions.into_inner());
+        let all = companions.iter().filter_map(|(_, stamp)| *stamp).chain([stamp]);
+        let bytes = all.clone().fold(0, |sum: u64, stamp| sum.saturating_add(stamp.size()));
+        let is_worth_it = bytes > MAX_FORECAST_BYTES && all.clone().all(|it| it.is_settled());
+        let as_read = AsRead { stamp, companions, hash };
+        let is_same = is_worth_it && as_read.is_as_it_was(Stamp::of(&self.path)?);
+        is_same.then_some(KnownFile { path: self.path, as_read })
+    }
+}
 
 impl Known {
     /// The content's hash, or that there is no such file; none if it must be read to know.
@@ -120,14 +167,22 @@ impl<'a> Reads<'a> {
 
     /// Returns true if a file, with those that it names, would have to be read to know its hash, and is too large for a forecast.
     pub fn is_spared(&self, file: &NodeFile) -> bool {
-        let Some(left) = &self.left else { return false };
+        if file.is_unread {
+            return true;
+        }
+        if self.left.is_none() {
+            return false;
+        }
         let is_read = || {
             let slot = lock(&self.read).get(&file.path).cloned();
             slot.is_some_and(|slot| slot.get().is_some())
         };
-        if self.known.look(&file.path).is_some() || is_read() {
-            return false;
-        }
+        self.known.look(&file.path).is_none() && !is_read() && self.is_too_large(file)
+    }
+
+    /// Returns true if a file, with those that it names, is too large for a forecast, after what that has read.
+    pub fn is_too_large(&self, file: &NodeFile) -> bool {
+        let Some(left) = &self.left else { return false };
         let size = size_with_companions(file, self.readers);
         let order = Ordering::Relaxed;
         left.fetch_update(order, order, |left| left.checked_sub(size)).is_err()
@@ -229,13 +284,7 @@ pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBu
     if !readers.may_name(&ending(path)) {
         return Vec::new();
     }
-    let file = NodeFile {
-        given: String::new(),
-        path: path.to_owned(),
-        needed: false,
-        roots: roots.into(),
-        missing: None,
-    };
+    let file = NodeFile { needed: false, ..NodeFile::given(path, roots.into()) };
     let found = companions(&file, &plain::read(path).unwrap_or_default(), readers);
     found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
 }
@@ -309,7 +358,7 @@ mod tests {
     fn at(path: PathBuf) -> NodeFile {
         let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
         let roots = roots.into_iter().collect();
-        NodeFile { given: "a.txt".into(), path, needed: true, roots, missing: None }
+        NodeFile { given: "a.txt".into(), ..NodeFile::given(&path, roots) }
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::Shape;
 use crate::definition::Whole;
 use crate::expected::Expected;
 use crate::flat::{Counts, GraphNode, GraphOutput, GraphUse, Loop};
-use crate::input::{GraphInput, GraphPort, InputValues};
+use crate::input::{GraphInput, GraphPort, KnownInputs};
 use crate::options::{Options, ReadFile};
 use crate::pins::Pins;
 
@@ -49,7 +49,7 @@ pub struct Graph {
     /// What it is expanded from again, if it has such.
     pub(crate) stage: Option<Arc<Stage>>,
     /// The values at its inputs.
-    pub(crate) given: InputValues,
+    pub(crate) given: KnownInputs,
     /// The words of a command that say how it was read.
     pub(crate) words: Arc<[String]>,
     /// Names in its own file that no output of it needs, and what is wanted and never given.

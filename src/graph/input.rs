@@ -7,17 +7,31 @@ use std::sync::Arc;
 use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::error::{Error, Problem, Severity, Span, code};
 use maquette_syntax::{Tree, nearest_or_all, with_article};
-use maquette_value::{AnyValue, ValueType};
+use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
 
 use super::recipe::Recipe;
 use super::{Graph, GraphOutput, Shape};
 use crate::catalog::Catalog;
 use crate::definition::{Built, Draft};
+use crate::files::NodeFile;
 use crate::flat::Lineage;
 
 /// Values for the inputs of a graph, by their names.
 pub type InputValues = BTreeMap<String, AnyValue>;
+
+/// What is known of the values for the inputs of a graph, by their names.
+pub type KnownInputs = BTreeMap<String, KnownInput>;
+
+/// What is known of a value for an input. What is no value is known for a forecast alone.
+#[derive(Clone, Debug)]
+pub enum KnownInput {
+    Value(AnyValue),
+    /// The hash of the value.
+    Hash(Hash),
+    /// The file that has the value, and was not read.
+    File(NodeFile),
+}
 
 /// An input that a graph declares.
 #[derive(Clone, Debug)]
@@ -82,26 +96,51 @@ impl Graph {
         values: &InputValues,
         catalog: &Catalog,
     ) -> Result<Self, Vec<Problem>> {
+        let value =
+            |(name, value): (&String, &AnyValue)| (name.clone(), KnownInput::Value(value.clone()));
+        self.with_known_inputs(&values.iter().map(value).collect(), catalog)
+    }
+
+    /// The same for a forecast, with what is known of these values.
+    ///
+    /// # Errors
+    /// As [`with_inputs`](Self::with_inputs).
+    pub fn with_known_inputs(
+        &self,
+        values: &KnownInputs,
+        catalog: &Catalog,
+    ) -> Result<Self, Vec<Problem>> {
         let left_out =
             self.inputs.iter().filter(|it| it.optional && !values.contains_key(&it.name));
         let left_out = BTreeSet::from_iter(left_out.map(|input| input.name.clone()));
         if let Some(text) = self.text.as_ref().filter(|_| !left_out.is_empty()) {
-            return text.graph_without(left_out, catalog)?.with_inputs(values, catalog);
+            return text.graph_without(left_out, catalog)?.with_known_inputs(values, catalog);
         }
         let mut problems = Vec::new();
         let mut nodes = self.nodes.to_vec();
-        for (name, value) in values {
-            match self.input(name) {
-                Err(problem) => problems.push(*problem),
-                Ok(input) if input.kind != value.kind() => {
+        for (name, known) in values {
+            let input = match self.input(name) {
+                Ok(input) => input,
+                Err(problem) => {
+                    problems.push(*problem);
+                    continue;
+                }
+            };
+            let of_hash = |hash: Hash| json!({ "value": hash.to_string() });
+            let (parameters, value) = match known {
+                KnownInput::Value(value) if input.kind != value.kind() => {
                     problems.push(self.wrong_input(input, value, catalog));
+                    continue;
                 }
-                Ok(input) => {
-                    let parameters = json!({ "value": value.hash().to_string() });
-                    let node = &mut nodes[input.node];
-                    node.recipe = Arc::new(Recipe::new(INPUT, parameters, &[]));
-                    node.node = Arc::new(Input { name: name.clone(), value: Some(value.clone()) });
-                }
+                KnownInput::Value(value) => (of_hash(value.hash()), Some(value.clone())),
+                KnownInput::Hash(hash) => (of_hash(*hash), None),
+                KnownInput::File(file) => (json!({ "file": file.given }), None),
+            };
+            let node = &mut nodes[input.node];
+            node.recipe = Arc::new(Recipe::new(INPUT, parameters, &[]));
+            node.node = Arc::new(Input { name: name.clone(), value });
+            if let KnownInput::File(file) = known {
+                node.files = vec![NodeFile { is_unread: true, ..file.clone() }].into();
             }
         }
         if !problems.is_empty() {
@@ -130,6 +169,19 @@ impl Graph {
         files: &[(String, PathBuf)],
         catalog: &Catalog,
     ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+        let open = |path: &Path, kind| catalog.readers().open(path, Some(kind));
+        self.read_inputs_by(files, open)
+    }
+
+    /// The same, where `open` gives what is in a file for an input of a type, with its warnings.
+    ///
+    /// # Errors
+    /// For each name that is no input's, and each file that cannot be read.
+    pub fn read_inputs_by<T>(
+        &self,
+        files: &[(String, PathBuf)],
+        open: impl Fn(&Path, &'static ValueType) -> Result<(T, Vec<String>), String>,
+    ) -> Result<(BTreeMap<String, T>, Vec<Problem>), Vec<Problem>> {
         let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
         for (name, path) in files {
             let input = match self.input(name) {
@@ -142,7 +194,7 @@ impl Graph {
             let problem = |severity, code, text: &str| {
                 self.problem_of_input(input, severity, code, format!("input `{name}`: {text}"))
             };
-            match catalog.readers().open(path, Some(input.kind)) {
+            match open(path, input.kind) {
                 Ok((value, doubts)) => {
                     let doubts = doubts.iter();
                     let warning = |doubt: &String| problem(Severity::Warning, code::WARNING, doubt);

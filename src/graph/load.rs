@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_syntax::error::{MOST_TOLD, Problem, Source, Span, Use, code};
-use maquette_syntax::paths::project_root;
-use maquette_syntax::{Finding, Help, Sheet, Tree};
+use maquette_syntax::paths::{MARKER, project_root};
+use maquette_syntax::{Finding, Help, Sheet, Tree, conflict_of};
 use maquette_value::plain::NoText;
 use serde_json::{Map, json};
 
@@ -112,7 +112,11 @@ pub fn first<'a>(
     options: &'a Options,
 ) -> (World<'a>, Option<Whole>) {
     let folder = folder_of(path);
-    let mut world = World::new(catalog, options, project_root(&folder));
+    let root = project_root(&folder);
+    let marker = root.join(MARKER);
+    let conflict = options.text(&marker).ok().and_then(|text| conflict_of(&marker, &text));
+    let mut world = World::new(catalog, options, root);
+    world.problems.extend(conflict);
     let source = Arc::new(Source { name: path.to_owned(), text });
     let sheet = Sheet::new(source, folder);
     let real = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -255,12 +259,15 @@ impl GraphText {
 impl Check<'_, '_> {
     /// None if the text has syntax errors: then the rest of it is checked, but nothing is made of it.
     fn read(&mut self) -> Option<Whole> {
+        let whole = self.whole();
+        self.leave_out_doubts();
+        whole.filter(|_| self.doubts.is_none())
+    }
+
+    fn whole(&mut self) -> Option<Whole> {
         let tree = Arc::new(self.tree()?);
         let top = self.top_level(&tree)?;
-        let whole = self.graph(&top, &tree);
-        let Some(doubtful) = self.doubtful.take() else { return Some(whole) };
-        self.leave_out_doubts(&doubtful);
-        None
+        Some(self.graph(&top, &tree))
     }
 
     fn graph(&mut self, top: &TopLevel<'_>, tree: &Arc<Tree>) -> Whole {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_node::AnyNode;
+use maquette_node::{AnyNode, FieldError};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::{PathProblem, may_read};
 use maquette_syntax::{
@@ -53,7 +53,8 @@ impl Check<'_, '_> {
     fn survey_of_side(&mut self, what: &What, tree: &Tree, values: &Parameters) -> Survey {
         let Some(schema) = what.schema() else {
             let tree = values.substitute(tree, &mut self.findings);
-            return Survey { tree, links: Vec::new(), files: Vec::new() };
+            let (links, files) = (Vec::new(), Vec::new());
+            return Survey { tree, links, files, has_other_links: false };
         };
         let name = what.kind();
         let tree = values.fitted(tree, name, schema, &mut self.findings);
@@ -68,7 +69,7 @@ impl Check<'_, '_> {
         walk.node(&tree);
         let (links, files) = (walk.links, walk.files);
         self.findings = walk.findings;
-        Survey { tree, links, files }
+        Survey { tree, links, files, has_other_links: false }
     }
 
     /// The node itself, with what only its own type can tell of its fields. `counts` says how many values each link has.
@@ -94,6 +95,15 @@ impl Check<'_, '_> {
                 return None;
             }
         };
+        if !survey.has_other_links
+            && let Err(FieldError { field, message, help }) = node.check()
+        {
+            let fields = survey.tree.fields().unwrap_or_default();
+            let found = fields.iter().find(|it| it.name.text == field);
+            let span = found.map_or(survey.tree.span, |it| it.value.span);
+            self.find(code::WRONG_VALUE, span, format!("{}: {message}", entry.name), help);
+            return None;
+        }
         let optional = node.files();
         if self.world.options.files != Files::Ignored {
             for file in &optional {
@@ -120,10 +130,8 @@ impl Check<'_, '_> {
         };
         let file = |given: &str, path: &Path, needed| NodeFile {
             given: given.to_owned(),
-            path: path.to_owned(),
             needed,
-            roots: roots.clone(),
-            missing: None,
+            ..NodeFile::given(path, roots.clone())
         };
         let named = survey.files.iter().map(|found| NodeFile {
             missing: self.world.missing.get(&self.place_of(found)).cloned(),

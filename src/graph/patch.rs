@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use maquette_syntax::error::{Source, Span, code};
 use maquette_syntax::{
-    Body, Field, Finding, Kind, Mistake, Recovered, Sheet, TextPart, Tree, fields_twice,
-    names_in_doubt, nearest_or_all, overlaps, recovered, twice,
+    Body, Field, Finding, Kind, Mistake, ReadText, Sheet, TextPart, Tree, fields_twice,
+    nearest_or_all, twice,
 };
 
 use super::check::Check;
@@ -58,48 +58,27 @@ impl Check<'_, '_> {
         self.whole_tree(tree, mistakes)
     }
 
-    /// The tree, if there are no mistakes in its text; of a graph, what can be read of it all the same.
+    /// The tree; if there are mistakes in the text of a graph or patch, what can be read of it all the same.
     fn whole_tree(&mut self, tree: Tree, mistakes: Vec<Mistake>) -> Option<Tree> {
-        if mistakes.is_empty() {
-            return Some(tree);
-        }
-        let is_graph = |it: &Recovered| it.tree.name().is_some_and(|name| name.text == "Graph");
-        let found = recovered(&self.sheet.source.text, &mistakes).filter(is_graph);
-        let (mistakes, tree) = match found {
-            Some(Recovered { tree, mut mistakes, doubtful }) => {
-                // Of brackets that end the graph too early.
-                mistakes.sort_by_key(|mistake| mistake.message.contains("behind the end"));
-                mistakes.dedup_by(|it, _| it.message.contains("behind the end of the graph"));
-                self.doubtful = Some(doubtful);
-                (mistakes, Some(tree))
-            }
-            None => (mistakes, None),
-        };
+        let ReadText { tree, mistakes, doubts } =
+            ReadText::new(&self.sheet, (tree, mistakes), &["Graph", "Patch"]);
         for mistake in mistakes {
             self.find(code::SYNTAX, mistake.span, mistake.message, mistake.help);
+        }
+        if let Some(doubts) = doubts {
+            self.doubts.get_or_insert_default().extend(doubts);
         }
         tree
     }
 
-    /// Leaves out what is reported only because a part of the text cannot be read: what is in such a part, and names that seem to lack.
-    pub(super) fn leave_out_doubts(&mut self, doubtful: &[Span]) {
-        let source = self.sheet.source.clone();
-        let names = names_in_doubt(&source.text, doubtful);
-        // What the graph lacks may have been cut off.
-        let is_cut = |it: &Finding| it.code == code::SYNTAX && it.message.contains("close");
-        let is_cut = self.findings.iter().any(is_cut);
-        let is_doubtful = |finding: &Finding| match finding.code {
-            code::SYNTAX => false,
-            _ if doubtful.iter().any(|part| overlaps(*part, finding.span)) => true,
-            code::MISSING_FIELD if is_cut && finding.message.starts_with("Graph ") => true,
-            code::UNKNOWN_LINK | code::UNKNOWN_NODE | code::EXPRESSION | code::MISSING_FIELD => {
-                let quoted = finding.message.split('`').skip(1).step_by(2);
-                let names_of = |part: &str| part.split(['.', '/']).any(|name| names.contains(name));
-                quoted.into_iter().any(names_of)
-            }
-            _ => false,
-        };
-        self.findings.retain(|finding| !is_doubtful(finding));
+    /// Leaves out what is reported only because a part of a text cannot be read.
+    pub(super) fn leave_out_doubts(&mut self) {
+        let Some(doubts) = &self.doubts else { return };
+        let sheet = &self.sheet;
+        self.findings.retain(|Finding { code, span, message, .. }| {
+            let (source, span) = sheet.place(*span);
+            !doubts.cover(code, (&source, span), message)
+        });
     }
 
     /// The text of the graph that a patch makes; none if something in the patch or in the other graph's text is wrong.
@@ -162,6 +141,9 @@ impl Check<'_, '_> {
         let (graph, _) = maquette_syntax::parse(&sheet.source.text);
         for (mut target, named, field, value) in puts {
             let mut text = own.source.text[value.span.start..value.span.end].to_owned();
+            if self.doubts.is_some() && !maquette_syntax::parse(&text).1.is_empty() {
+                continue;
+            }
             if let Some((now, put)) = renewed_target(&graph, &target, &value, self.world.catalog) {
                 text = renewed_text(&value, &put.value, &own.source.text);
                 target = now;
@@ -183,6 +165,7 @@ impl Check<'_, '_> {
         }
         // They are about the patch, and what is found from here on is about the graph that it makes.
         let uses = self.uses.clone();
+        self.leave_out_doubts();
         self.findings.sort_by_key(|finding| finding.span);
         let problems = self.findings.drain(..).map(|finding| own.problem(finding, &uses));
         self.world.problems.extend(problems);

@@ -111,13 +111,7 @@ impl World<'_> {
             return Err(error(code::MISSING_FILE, message));
         }
         let hashes = Vec::from_iter(kept.iter().map(|(_, hash)| hash.to_string()));
-        let file = NodeFile {
-            given: given.clone(),
-            path,
-            needed: true,
-            roots: Arc::default(),
-            missing: None,
-        };
+        let file = NodeFile { given: given.clone(), ..NodeFile::given(&path, Arc::default()) };
         Ok(GraphNode {
             recipe: Arc::new(Recipe::new(PINNED, json!({ "outputs": hashes }), &[])),
             types: kept.iter().map(|(kind, _)| Some(*kind)).collect(),

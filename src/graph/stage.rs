@@ -101,7 +101,7 @@ impl Graph {
         let graph = Self { stage: self.stage.clone(), ..graph };
         let graph = match self.given.is_empty() && self.inputs.is_empty() {
             true => graph,
-            false => graph.with_inputs(&self.given, catalog)?,
+            false => graph.with_known_inputs(&self.given, catalog)?,
         };
         Ok(Self { text: self.text.clone(), ..graph })
     }

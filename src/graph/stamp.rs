@@ -50,6 +50,11 @@ impl Stamp {
         Self { size: metadata.len(), modified, changed, place }
     }
 
+    /// The size of the file.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
     /// Whether a write after this moment would have given another stamp.
     pub fn is_settled(&self) -> bool {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();

@@ -52,7 +52,6 @@ pub fn words() -> Vec<Word> {
     words.extend(words_in("params", "", ["Param"]));
     words.extend(words_in("expr", "", ["Expr"]));
     words.extend(words_in("expr", "Expr", expression::function_names()));
-    words.extend(words_in("expr", "Expr", ["if"]));
     words.extend(words_in("foreach", "nodes", ["ForEach"]));
     words.extend(words_in("foreach", "ForEach", each::EACH));
     words.extend(words_in("switch", "nodes", ["Switch"]));

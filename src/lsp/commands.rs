@@ -296,7 +296,7 @@ fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfF
         problems.filter(|it| it["code"].as_str().is_some_and(|code| OF_RUNS.contains(&code)))
     {
         let file = real(Path::new(problem["file"].as_str().unwrap_or_default()));
-        let other = if file == graph { None } else { std::fs::read_to_string(&file).ok() };
+        let other = if file == graph { None } else { read_text(&file).ok() };
         let text = other.as_deref().unwrap_or(text);
         let lines = Lines::new(text, client.columns);
         let number = |name: &str| problem[name].as_u64().unwrap_or(1).max(1) as usize - 1;

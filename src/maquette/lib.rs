@@ -94,9 +94,9 @@ pub use maquette_node::pack::{
 pub use maquette_node::provenance::Signature;
 pub use maquette_node::reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use maquette_node::{
-    CancelToken, Carry, ColorRange, Context, DataKind, Exactness, Fate, Fidelities, Fidelity, File,
-    FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress, Promise,
-    ReadError, Want, node,
+    CancelToken, Carry, ColorRange, Context, DataKind, Exactness, Fate, Fidelities, Fidelity,
+    FieldError, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress,
+    Promise, ReadError, Want, node,
 };
 pub use maquette_node::{this_build, union};
 pub use maquette_render as render;

@@ -7,7 +7,9 @@ use maquette_syntax::error::Error;
 use maquette_value::{AnyValue, ValueType};
 use schemars::Schema;
 
-use super::{Carry, Context, Exactness, FilePath, Node, Outputs, Previous, Source, Term};
+use super::{
+    Carry, Context, Exactness, FieldError, FilePath, Node, Outputs, Previous, Source, Term,
+};
 use crate::limit::Estimate;
 
 /// What the engine knows of a node. Made by [`node`].
@@ -75,6 +77,11 @@ pub trait AnyNode: Send + Sync {
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
+    /// As [`Node::check`].
+    fn check(&self) -> Result<(), FieldError> {
+        Ok(())
+    }
+
     /// Why it cannot run, whatever comes in.
     fn lacks(&self) -> Option<String> {
         None
@@ -114,6 +121,10 @@ impl<T: Node> AnyNode for T {
 
     fn files(&self) -> Vec<FilePath> {
         Node::files(self)
+    }
+
+    fn check(&self) -> Result<(), FieldError> {
+        Node::check(self)
     }
 
     fn wants(&self) -> Vec<(&'static str, &'static str)> {

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use crate::carry::Carry;
 use crate::context::Context;
 use crate::exactness::Exactness;
+use crate::field_error::FieldError;
 use crate::file::FilePath;
 use crate::limit::Estimate;
 use crate::port::Outputs;
@@ -41,6 +42,15 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// Files that it reads if they are there, beside those that its fields name.
     fn files(&self) -> Vec<FilePath> {
         Vec::new()
+    }
+
+    /// Finds what is wrong with its parameters and links whatever comes in, beyond what the types of the fields say, so that it is
+    /// reported before anything runs.
+    ///
+    /// # Errors
+    /// If every run would fail.
+    fn check(&self) -> Result<(), FieldError> {
+        Ok(())
     }
 
     /// How much memory [`eval`](Self::eval) will need at most, told before it runs; none if nobody can say. A node whose result may

@@ -290,6 +290,20 @@ impl Readers {
         path: &Path,
         kind: Option<&ValueType>,
     ) -> Result<(AnyValue, Vec<String>), String> {
+        self.open_noting(path, kind, &|_| {})
+    }
+
+    /// The same; `asked` is called with the path of each file that it names, before that is read.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    #[doc(hidden)]
+    pub fn open_noting(
+        &self,
+        path: &Path,
+        kind: Option<&ValueType>,
+        asked: &dyn Fn(&Path),
+    ) -> Result<(AnyValue, Vec<String>), String> {
         let wrong = |error: &dyn fmt::Display| format!("cannot read {}: {error}", path.display());
         let bytes = plain::read(path).map_err(|error| wrong(&error))?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -297,7 +311,11 @@ impl Readers {
         let folder = folder.map_err(|error| wrong(&error))?;
         let roots = [project_root(&folder)];
         let companions = CompanionFiles::new(&roots);
-        let beside = |name: &str| companions.read(name, &folder.join(name));
+        let beside = |name: &str| {
+            let path = folder.join(name);
+            asked(&path);
+            companions.read(name, &path)
+        };
         let name = path.to_string_lossy();
         let reading = Reading::new(&name, &bytes, &beside);
         let value = match kind {

@@ -24,6 +24,12 @@ pub struct Mistake {
 /// What is said of a text without an end.
 pub(super) const NO_END: &str = "this text has an unknown escape or no end";
 
+/// What is said of a comment without an end.
+pub(super) const OPEN_COMMENT: &str = "this comment is never closed";
+
+/// What is said of a bracket that is one too many.
+pub(super) const CLOSES_NOTHING: &str = " closes nothing";
+
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
 /// deep than the stack of a thread.
 pub const DEEPEST: usize = 128;
@@ -137,6 +143,12 @@ pub fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     if mistakes.is_empty() {
         mistakes.extend(unclosed);
     }
+    if let Some((_, last)) = tokens.last().filter(|_| is_swallowed) {
+        let is_of_end = |it: &Mistake| [NO_END, OPEN_COMMENT].contains(&&it.message[..]);
+        if mistakes.iter().any(is_of_end) {
+            mistakes.retain(|mistake| mistake.span.start < last.start || is_of_end(mistake));
+        }
+    }
     // Whatever else is wrong follows from them.
     if !mistakes.is_empty()
         && let Some(marks) = conflict_marks(text)
@@ -174,7 +186,7 @@ fn strange_spaces(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
                 None => continue,
             },
             SyntaxKind::BlockComment if !is_closed(piece) => {
-                (0, "this comment is never closed", "put a `*/` where it ends")
+                (0, OPEN_COMMENT, "put a `*/` where it ends")
             }
             _ => continue,
         };
@@ -310,7 +322,7 @@ fn missing_comma(text: &str, found: Span) -> Help {
     Help::edit(words, Span { start: end, end }, ",")
 }
 
-const ONE_TOO_MANY: &str = "is it one too many?";
+pub(super) const ONE_TOO_MANY: &str = "is it one too many?";
 
 /// Commas and colons that are missing or have nothing before or behind them, as far as the parser lets them pass.
 fn wrong_separators(tokens: &[(SyntaxKind, Span)], root: &SyntaxNode) -> Vec<Mistake> {
@@ -362,7 +374,7 @@ fn unclosed(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<Mistake> {
         } else if matches!(kind, RParen | RBracket | RBrace) {
             let found = &text[at.start..at.end];
             let Some((opener, opened)) = open.pop() else {
-                let message = format!("this `{found}` closes nothing");
+                let message = format!("this `{found}`{CLOSES_NOTHING}");
                 let help = Help::edit(ONE_TOO_MANY, at, "");
                 return Some(Mistake { span: at, message, help });
             };
@@ -383,7 +395,7 @@ fn unclosed(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<Mistake> {
 }
 
 /// The parenthesis that is missing, put at the end of the line where it was opened if the next line begins no deeper: there it ends.
-fn closing(text: &str, opened: Span, closer: char) -> Help {
+pub(super) fn closing(text: &str, opened: Span, closer: char) -> Help {
     let words = format!("put a `{closer}` where it ends");
     let depth = |line: &str| line.len() - line.trim_start().len();
     let start = text[..opened.start].rfind('\n').map_or(0, |newline| newline + 1);

@@ -4,11 +4,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::file::Mistake;
+use super::recovery::recovered;
 use crate::error::{Problem, Severity, Source, code};
 
-/// Mistakes in a text as problems.
+/// Mistakes that the parser finds in a text as problems, with those that they hide.
 pub fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<Problem> {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
+    if mistakes.is_empty() {
+        return Vec::new();
+    }
+    let mistakes = recovered(text, &mistakes).map_or(mistakes, |found| found.mistakes);
     let problem = |Mistake { span, message, help }: Mistake| Problem {
         fix: help.edits(text, span),
         help: help.into(),

@@ -7,14 +7,16 @@ use std::collections::BTreeSet;
 
 use ronin_core::SyntaxKind;
 
+use super::brackets::Brackets;
 use super::cursor::recovered_tokens;
-use super::file::{Mistake, NO_END, parse, raw_tokens};
+use super::file::{CLOSES_NOTHING, Mistake, NO_END, OPEN_COMMENT, parse, raw_tokens};
 use super::marks::conflict_marks;
+use super::repair::{Edit, Repair};
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
 
 /// What can be read of a text with syntax errors.
-pub struct Recovered {
+pub(crate) struct Recovered {
     pub tree: Tree,
     /// All syntax errors, those included that others hide.
     pub mistakes: Vec<Mistake>,
@@ -22,36 +24,43 @@ pub struct Recovered {
     pub doubtful: Vec<Span>,
 }
 
-/// A text in the place of a part of another one.
-type Edit = (Span, &'static str);
-
 /// A text with more syntax errors is not read: it is no graph that somebody edits, and each error costs a look at the whole text.
 const MAX_MISTAKES: usize = 1000;
 
 /// Reads what can be read of a text in which the parser finds these mistakes. `None` if nothing is left of it, or there are more than
 /// [`MAX_MISTAKES`].
-pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
+pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if conflict_marks(text).is_some() || MAX_MISTAKES < found.len() {
         return None;
     }
-    let places = (0..=text.len()).collect();
-    let mut repair = Repair { text: text.to_owned(), places, doubtful: Vec::new() };
+    let mut repair = Repair::of(text);
     let mut mistakes = found.to_vec();
     let strings = unclosed_strings(text);
-    if !strings.is_empty() && !found.iter().any(|mistake| mistake.message == NO_END) {
+    // A text or comment without an end has all of the rest in it.
+    let is_swallowed = found.iter().any(|it| [NO_END, OPEN_COMMENT].contains(&&it.message[..]));
+    if !strings.is_empty() && !is_swallowed {
         // Whatever else the parser finds follows from them.
         mistakes = strings.iter().map(|(string, _)| no_quote(*string)).collect();
     }
-    let quotes = Vec::from_iter(strings.iter().map(|(_, edit)| *edit));
+    let quotes = Vec::from_iter(strings.iter().map(|(_, edit)| edit.clone()));
     repair.doubt(&Vec::from_iter(quotes.iter().map(|edit| edit.0)));
     repair.apply(&quotes);
-    let brackets = Brackets::of(&repair.text);
-    repair.doubt(&brackets.doubtful);
-    repair.apply(&brackets.edits);
+    let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
+    // Of several wrong brackets the parser finds the first one.
+    if !wrong.is_empty() && !is_swallowed {
+        mistakes.retain(|known| !is_about_bracket(known));
+        let known = |wrong: &Mistake| {
+            let known = |known: &&Mistake| is_about_bracket(known) && known.span == wrong.span;
+            found.iter().find(known).cloned()
+        };
+        mistakes.extend(wrong.into_iter().map(|wrong| known(&wrong).unwrap_or(wrong)));
+    }
+    repair.doubt(&doubtful);
+    repair.apply(&brackets);
     // Behind an unclosed bracket or string the parser reports nothing.
-    let is_hidden = !quotes.is_empty() || !brackets.edits.is_empty();
+    let is_hidden = !is_swallowed && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
-    let Separators { edits, doubtful } = Separators::of(&repair.text);
+    let Separators { edits, doubtful, strange } = Separators::of(&repair.text);
     // What else the parser finds in this text follows from these.
     let begins = |edit: &Edit| {
         let rest = &repair.text[edit.0.start..];
@@ -64,8 +73,10 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
         ..mistake.clone()
     };
     let hidden = hidden.iter().filter(|mistake| begins.contains(&mistake.span.start));
-    let mut hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
-    repair.doubt(&doubtful);
+    let hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
+    let of_brackets = repair.doubtful.len();
+    repair.doubt(&strange);
+    let narrow = Vec::from_iter(doubtful.iter().map(|span| repair.place(*span)));
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
     // A bracket that was guessed in a wrong place leaves pieces that make no sense.
@@ -73,23 +84,38 @@ pub fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     if tree.is_broken() || MAX_MISTAKES < left.len() {
         return None;
     }
-    if !brackets.edits.is_empty() && left.iter().any(is_misplaced) {
+    if !brackets.is_empty() && left.iter().any(is_misplaced) {
         return None;
     }
-    let certain = repair.doubtful.len();
-    if is_hidden {
-        hidden.extend(left.iter().map(|mistake| moved(&repair, mistake)));
-    }
+    let of_signs = repair.doubtful.len();
     repair.doubt(&Vec::from_iter(left.iter().map(|mistake| mistake.span)));
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
-    let doubtful = Vec::from_iter(doubtful);
-    let is_new = |mistake: &Mistake| {
-        !doubtful[..certain].iter().any(|part| overlaps(*part, mistake.span))
-            && !found.iter().any(|known| overlaps(known.span, mistake.span))
-    };
-    mistakes.extend(hidden.into_iter().filter(is_new));
+    let doubtful = Vec::from_iter(doubtful.chain(narrow));
+    // What is misplaced does not follow from itself.
+    let left = left.iter().filter(|_| is_hidden).map(|mistake| moved(&repair, mistake));
+    let all = hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
+    for (mistake, certain) in all.collect::<Vec<_>>() {
+        let is_at = |span: &Span| overlaps(*span, mistake.span);
+        if !doubtful[..certain].iter().any(is_at) && !mistakes.iter().any(|it| is_at(&it.span)) {
+            mistakes.push(mistake);
+        }
+    }
+    // Of brackets that end the value too early.
+    mistakes.sort_by_key(|mistake| (is_behind_the_end(mistake), mistake.span));
+    mistakes.dedup_by(|it, _| is_behind_the_end(it));
     Some(Recovered { tree, mistakes, doubtful })
+}
+
+/// Returns true if a mistake is a bracket that is not closed, or closes nothing.
+fn is_about_bracket(mistake: &Mistake) -> bool {
+    let message = &mistake.message;
+    message.starts_with("this `")
+        && (message.contains("` is n") || message.ends_with(CLOSES_NOTHING))
+}
+
+fn is_behind_the_end(mistake: &Mistake) -> bool {
+    mistake.message.contains("behind the end of the graph")
 }
 
 fn no_quote(string: Span) -> Mistake {
@@ -98,49 +124,9 @@ fn no_quote(string: Span) -> Mistake {
 }
 
 /// Returns true if a part of one is in the other; a place without length counts where it is.
-pub fn overlaps(a: Span, b: Span) -> bool {
+pub(crate) fn overlaps(a: Span, b: Span) -> bool {
     a.start <= b.start && b.start < a.end.max(a.start + 1)
         || b.start <= a.start && a.start < b.end.max(b.start + 1)
-}
-
-/// A text that is being repaired.
-struct Repair {
-    text: String,
-    /// For each byte of it, and its end, the place in the text as it was.
-    places: Vec<usize>,
-    /// Places in the text as it was.
-    doubtful: Vec<Span>,
-}
-
-impl Repair {
-    /// Makes edits, which are in order.
-    fn apply(&mut self, edits: &[Edit]) {
-        let (mut text, mut places, mut copied) = (String::new(), Vec::new(), 0);
-        for &(span, new) in edits {
-            if span.start < copied {
-                continue;
-            }
-            text.push_str(&self.text[copied..span.start]);
-            places.extend(&self.places[copied..span.start]);
-            text.push_str(new);
-            places.extend(std::iter::repeat_n(self.places[span.start], new.len()));
-            copied = span.end;
-        }
-        text.push_str(&self.text[copied..]);
-        places.extend(&self.places[copied..]);
-        (self.text, self.places) = (text, places);
-    }
-
-    fn place(&self, span: Span) -> Span {
-        let end = self.text.len();
-        let [start, end] = [span.start, span.end].map(|at| self.places[at.min(end)]);
-        Span { start, end: end.max(start) }
-    }
-
-    fn doubt(&mut self, spans: &[Span]) {
-        let places = Vec::from_iter(spans.iter().map(|span| self.place(*span)));
-        self.doubtful.extend(places);
-    }
 }
 
 fn move_back(tree: &mut Tree, repair: &Repair) {
@@ -192,165 +178,20 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
             let line = piece.lines().next().unwrap_or_default();
             let end =
                 span.start + line.trim_end_matches([',', ')', ']', '}', ' ', '\r']).len().max(1);
-            strings.push((Span { end, ..span }, (Span { start: end, end }, "\"")));
+            strings.push((Span { end, ..span }, (Span { start: end, end }, "\"".into())));
         }
     }
     strings
-}
-
-/// A bracket that is open.
-struct Open {
-    kind: SyntaxKind,
-    start: usize,
-    /// The line on which it is.
-    line: usize,
-    /// Where the part of it begins that is being read.
-    part: Option<usize>,
-    has_names: bool,
-    has_items: bool,
-}
-
-impl Open {
-    fn closer(&self) -> &'static str {
-        match self.kind {
-            SyntaxKind::LParen => ")",
-            SyntaxKind::LBracket => "]",
-            _ => "}",
-        }
-    }
-
-    /// Returns true if a part with such a name can be in it.
-    fn takes(&self, name: SyntaxKind) -> bool {
-        match self.kind {
-            SyntaxKind::LParen => name == SyntaxKind::Ident && (self.has_names || !self.has_items),
-            SyntaxKind::LBrace => name == SyntaxKind::String,
-            _ => false,
-        }
-    }
-}
-
-/// The brackets that are missing or too many.
-#[derive(Default)]
-struct Brackets {
-    edits: Vec<Edit>,
-    doubtful: Vec<Span>,
-    open: Vec<Open>,
-}
-
-impl Brackets {
-    /// A name tells which bracket it belongs to: texts name entries of maps, and words name fields of calls.
-    fn of(text: &str) -> Self {
-        use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
-        let tokens = Vec::from_iter(raw_tokens(text).filter(|(kind, _)| !kind.is_trivia()));
-        let mut it = Self::default();
-        let (mut line, mut counted) = (0, 0);
-        for (index, &(kind, at)) in tokens.iter().enumerate() {
-            line += text[counted..at.start].matches('\n').count();
-            counted = at.start;
-            let before = index.checked_sub(1).map(|before| tokens[before]);
-            match kind {
-                LParen | LBracket | LBrace => {
-                    it.begin(at.start);
-                    let (part, has_names, has_items) = (None, false, false);
-                    it.open.push(Open { kind, start: at.start, line, part, has_names, has_items });
-                }
-                RParen | RBracket | RBrace => {
-                    let opener = match kind {
-                        RParen => LParen,
-                        RBracket => LBracket,
-                        _ => LBrace,
-                    };
-                    let end = before.map_or(at.start, |(_, before)| before.end);
-                    let wanted = it.open.iter().rposition(|open| open.kind == opener);
-                    let is_first = text[..at.start].trim_end_matches([' ', '\t']).ends_with('\n');
-                    let last = it.open.len().saturating_sub(1);
-                    match wanted {
-                        Some(place) if place == last => {}
-                        // The wrong bracket closes what is open on its own line.
-                        Some(place)
-                            if !is_first
-                                && it.open[last].line == line
-                                && it.open[place].line < line =>
-                        {
-                            it.replace(at);
-                        }
-                        Some(place) => it.close(place + 1, end),
-                        None if it.open.is_empty()
-                            || matches!(
-                                tokens.get(index + 1),
-                                Some((RParen | RBracket | RBrace, _))
-                            ) =>
-                        {
-                            it.edits.push((at, ""));
-                            continue;
-                        }
-                        None => it.replace(at),
-                    }
-                    it.open.pop();
-                }
-                Comma => {
-                    if let Some(open) = it.open.last_mut() {
-                        open.has_items |= open.part.is_some() && !open.has_names;
-                        open.part = None;
-                    }
-                }
-                Colon => {
-                    let Some((name, named)) = before else { continue };
-                    let takes = |open: &Open| open.takes(name);
-                    if matches!(name, Ident | SyntaxKind::String)
-                        && it.open.last().is_some_and(|open| !open.takes(name))
-                        && let Some(place) = it.open.iter().rposition(takes)
-                        && it.open[place].part != Some(named.start)
-                    {
-                        let before = &tokens[..index - 1];
-                        let end = before.iter().rev().find(|(kind, _)| *kind != Comma);
-                        it.close(place + 1, end.map_or(named.start, |(_, end)| end.end));
-                        it.open[place].part = Some(named.start);
-                    }
-                    if let Some(open) = it.open.last_mut() {
-                        open.has_names = true;
-                    }
-                }
-                _ => it.begin(at.start),
-            }
-        }
-        let end = tokens.last().map_or(0, |(_, last)| last.end);
-        it.close(0, end);
-        it
-    }
-
-    fn begin(&mut self, at: usize) {
-        if let Some(open) = self.open.last_mut() {
-            open.part.get_or_insert(at);
-        }
-    }
-
-    /// Closes the brackets from this one on.
-    fn close(&mut self, from: usize, at: usize) {
-        while from < self.open.len() {
-            let Some(open) = self.open.pop() else { return };
-            self.edits.push((Span { start: at, end: at }, open.closer()));
-            // Entries of a map are what they are, wherever it ends.
-            let part = self.open.last().and_then(|outer| outer.part);
-            if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
-                self.doubtful.push(Span { start: part.unwrap_or(open.start), end: at });
-            }
-        }
-    }
-
-    /// Puts the right bracket in the place of a wrong one.
-    fn replace(&mut self, at: Span) {
-        if let Some(open) = self.open.last() {
-            self.edits.push((at, open.closer()));
-        }
-    }
 }
 
 /// The commas and colons that are missing or too many.
 #[derive(Default)]
 struct Separators {
     edits: Vec<Edit>,
+    /// Parts that may have another name, or none.
     doubtful: Vec<Span>,
+    /// Signs that have no meaning.
+    strange: Vec<Span>,
 }
 
 impl Separators {
@@ -380,8 +221,8 @@ impl Separators {
                 LexError => {
                     let is_colon =
                         &text[at.start..at.end] == "=" && !open.last().is_some_and(|open| open.1);
-                    it.edits.push((at, if is_colon { ":" } else { " " }));
-                    it.doubtful.push(at);
+                    it.edits.push((at, if is_colon { ":" } else { " " }.into()));
+                    it.strange.push(at);
                     if is_colon {
                         name(&mut open, true);
                         before = Some(Colon);
@@ -389,7 +230,7 @@ impl Separators {
                     continue;
                 }
                 Comma | Colon if begins => {
-                    it.edits.push((at, " "));
+                    it.edits.push((at, " ".into()));
                     continue;
                 }
                 Comma => name(&mut open, false),
@@ -405,7 +246,8 @@ impl Separators {
                         _ => false,
                     };
                     let colon = !is_named && is_name && next != Some(Colon);
-                    it.edits.push((Span { start: end, end }, if colon { ":" } else { "," }));
+                    let sign = if colon { ":" } else { "," };
+                    it.edits.push((Span { start: end, end }, sign.into()));
                     if !is_named {
                         it.doubtful.push(at);
                     }
@@ -419,13 +261,6 @@ impl Separators {
         }
         it
     }
-}
-
-/// The names in the parts of a text that are in doubt: what seems to lack them may not.
-pub fn names_in_doubt<'t>(text: &'t str, doubtful: &[Span]) -> BTreeSet<&'t str> {
-    let is_part = |c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-'));
-    let parts = doubtful.iter().filter_map(|span| text.get(span.start..span.end));
-    parts.flat_map(|part| part.split(is_part)).filter(|name| !name.is_empty()).collect()
 }
 
 #[cfg(test)]
@@ -488,15 +323,23 @@ mod tests {
         );
         check("G(n: {\"a\": A(x: 1)}", "G(n: {a: A(x: 1)})", &[]);
         check("G(n: {\"a\": A(x: 1)]})", "G(n: {a: A(x: 1)})", &[]);
-        check("G(n: {\"a\": A(x: (1, 2])})", "G(n: {a: A(x: (1, 2))})", &["\"a\": A(x: (1, 2])"]);
+        check("G(n: {\"a\": A(x: (1, 2])})", "G(n: {a: A(x: (1, 2))})", &[]);
+        check("G(n: {\"a\": A(x: [1, 2)})", "G(n: {a: A(x: [1, 2])})", &["\"a\": A(x: [1, 2)"]);
+        check("G(n: {\"a\": A(x: [1, 2))})", "G(n: {a: A(x: [1, 2])})", &[]);
+        check("G(n: {\"a\": A(x: [1, 2), y: 3)})", "G(n: {a: A(x: [1, 2], y: 3)})", &[]);
+        check("G(n: {\"a\": A(x: 1], \"b\": B(y: 2)})", "G(n: {a: A(x: 1), b: B(y: 2)})", &[]);
+        check("G(n: {\"a\": A(x: [(1, 2], (3, 4)])})", "G(n: {a: A(x: [(1, 2), (3, 4)])})", &[]);
+        check("G(n: {\"a\": A(x: [(1, 2]])})", "G(n: {a: A(x: [(1, 2)])})", &[]);
+        check("G(n: {\"a\": A(x: 1)), o: {\"b\": \"a\"})", "G(n: {a: A(x: 1)}, o: {b: a})", &[]);
+        check("G(n: {\"a\": A(x: 1)}]", "G(n: {a: A(x: 1)})", &[]);
     }
 
     #[test]
     fn commas_colons_and_quotes_are_put_in() {
         check("G(n: {\"a\": A(x: 1 y: 2)})", "G(n: {a: A(x: 1, y: 2)})", &[]);
         check("G(n: {\"a\": A(x: 1) \"b\": B()} o: {})", "G(n: {a: A(x: 1), b: B()}, o: {})", &[]);
-        check("G(n: {\"a\": A(x: (1 2))})", "G(n: {a: A(x: (1, 2))})", &["\"a\": A(x: (1 2))"]);
-        check("G(n: {\"a\" A(x: 1)})", "G(n: {a: A(x: 1)})", &["\"a\" A(x: 1)"]);
+        check("G(n: {\"a\": A(x: (1 2))})", "G(n: {a: A(x: (1, 2))})", &["2"]);
+        check("G(n: {\"a\" A(x: 1)})", "G(n: {a: A(x: 1)})", &["A"]);
         check("G(n: {\"a\": A(x = 1)})", "G(n: {a: A(x: 1)})", &["\"a\": A(x = 1)"]);
         check("G(n: {\"a\": A(x: 1,, y: 2)})", "G(n: {a: A(x: 1, y: 2)})", &[]);
         check(
@@ -514,6 +357,42 @@ mod tests {
         let expected =
             ["this `(` is not closed before the `}` at 1:37", "there is no comma before `z`"];
         assert_eq!(Vec::from_iter(messages), expected);
+    }
+
+    #[test]
+    fn every_wrong_bracket_is_told_once_with_what_was_expected() {
+        let text = "G(n: {\"a\": A(x: (1, 2]), \"b\": B(y: [1)), \"c\": C(z: 1}}, o: {}]";
+        let found = recovered(text, &parse(text).1).unwrap();
+        let messages = found.mistakes.iter().map(|mistake| &mistake.message[..]);
+        let expected = [
+            "expected `)`, which closes the `(` at 1:17, found `]`",
+            "expected `]`, which closes the `[` at 1:36, found `)`",
+            "expected `)`, which closes the `(` at 1:48, found `}`",
+            "expected `)`, which closes the `(` at 1:2, found `]`",
+        ];
+        assert_eq!(Vec::from_iter(messages), expected);
+    }
+
+    #[test]
+    fn calls_with_a_text_before_their_fields_are_in_order() {
+        let check = |text: &str, right: &str| check(text, &shown(&parse(right).0), &[]);
+        let right = "G(u: {\"L\": Graph(\"l.ron\", version: \"1\")}, n: {\"a\": A(x: 1, y: 2)})";
+        check(&right.replace("1, y", "1 y"), right);
+        check(
+            "S(o: Graph(\"a\", version: \"b\"), p: 1], q: 2)",
+            "S(o: Graph(\"a\", version: \"b\"), p: 1, q: 2)",
+        );
+        check("Sweep(p: (\"m\", z: 1]), q: 2)", "Sweep(p: (\"m\", z: 1), q: 2)");
+        check("S(o: V(\"a\", [1, 2], p: 1)", "S(o: V(\"a\", [1, 2]), p: 1)");
+    }
+
+    #[test]
+    fn a_text_that_is_cut_off_in_a_word_or_comment_has_one_mistake() {
+        for text in ["G(n: {\"a\": A(x: 1), \"b", "G(n: {\"a\": A(x: [1, /* two"] {
+            let found = parse(text).1;
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert_eq!(recovered(text, &found).map_or(found.clone(), |it| it.mistakes), found);
+        }
     }
 
     #[test]

@@ -7,6 +7,8 @@ use expect_test::expect;
 use maquette::format::png;
 use maquette::value::Image;
 
+mod graph_tests;
+
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 fn maquette(arguments: &[&str]) -> Output {
@@ -391,112 +393,6 @@ fn profile_prints_a_table_and_writes_a_trace() {
     assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 15);
 }
 
-/// A folder with the subdivided doll, its test, and nothing blessed yet.
-fn tested_graph() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write(
-        "net.ron",
-        r#"Graph(
-            format: 1,
-            nodes: {
-                "net": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]),
-                "surface": Nurbs(net: "net"),
-                "mesh": Tessellate(surface: "surface", u: 8, v: 8),
-            },
-            outputs: { "mesh.ply": "mesh" },
-        )"#,
-    );
-    write("net.test.ron", "Test(graph: \"net.ron\", compare: {\"mesh.ply\": Mesh(max: 0.01)})");
-    folder
-}
-
-fn test_in(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_maquette"))
-        .arg("test")
-        .args(arguments)
-        .env("MAQUETTE_CACHE", folder.join("cache"))
-        .env_remove("CI")
-        .current_dir(folder)
-        .output()
-        .unwrap()
-}
-
-#[test]
-fn a_graph_is_tested_blessed_and_tested_again() {
-    let folder = tested_graph();
-    let test = |arguments: &[&str]| test_in(folder.path(), arguments);
-    let first = test(&[]);
-    assert_eq!(first.status.code(), Some(1));
-    assert!(stdout(&first).contains("mesh: there is no golden"), "{}", stdout(&first));
-    assert!(!folder.path().join("goldens").exists(), "a test never makes a golden");
-    assert!(test(&["--bless"]).status.success());
-    assert_eq!(
-        names(&folder.path().join("goldens/net/default")),
-        ["mesh.bin", "mesh.txt", "nodes.txt"]
-    );
-    let second = test(&["--cold"]);
-    assert!(second.status.success(), "{}{}", stdout(&second), stderr(&second));
-    assert!(stdout(&second).contains("identical; 3 of 3 nodes computed"), "{}", stdout(&second));
-
-    let graph = folder.path().join("net.ron");
-    let text = std::fs::read_to_string(&graph).unwrap();
-    std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.01)")).unwrap();
-    let near = test(&[]);
-    assert!(near.status.success(), "{}", stdout(&near));
-    assert!(stdout(&near).contains("within tolerance"), "{}", stdout(&near));
-    std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.5)")).unwrap();
-    let far = test(&["--report", "report.html", "--junit", "junit.xml"]);
-    assert_eq!(far.status.code(), Some(1));
-    assert!(stdout(&far).contains("mm, allowed is 0.01 mm; worst at"), "{}", stdout(&far));
-    assert!(
-        stdout(&far).contains("node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
-        "{}",
-        stdout(&far)
-    );
-    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    assert!(report.contains("distance to the old one, from the front"));
-    assert!(!report.contains("http"), "the page needs nothing else");
-    let junit = std::fs::read_to_string(folder.path().join("junit.xml")).unwrap();
-    assert!(junit.contains("tests=\"1\" failures=\"1\" errors=\"0\""), "{junit}");
-    let blessed = test(&["--bless"]);
-    assert!(
-        stdout(&blessed).contains("because node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
-        "{}",
-        stdout(&blessed)
-    );
-    assert!(test(&[]).status.success());
-}
-
-#[test]
-fn a_test_that_cannot_run_is_not_a_test_that_fails() {
-    let folder = tested_graph();
-    let path = folder.path().join("net.test.ron");
-    std::fs::write(&path, "Test(graph: \"net.ron\", compare: {\"mesh.plx\": Mesh(max: 0.01)})")
-        .unwrap();
-    let output = test_in(folder.path(), &[]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("net.test.ron:1:34"), "{}", stderr(&output));
-    assert!(stderr(&output).contains("did you mean `mesh.ply`?"), "{}", stderr(&output));
-    std::fs::write(&path, "Test(graf: \"net.ron\")").unwrap();
-    assert_eq!(test_in(folder.path(), &[]).status.code(), Some(2));
-    assert_eq!(test_in(folder.path(), &["nowhere"]).status.code(), Some(2));
-}
-
-#[test]
-fn blessing_is_refused_on_ci() {
-    let folder = tested_graph();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    let output = command
-        .args(["test", "--bless"])
-        .env("CI", "true")
-        .current_dir(folder.path())
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    assert!(!folder.path().join("goldens").exists());
-}
-
 #[test]
 fn files_are_compared_by_what_they_mean_and_rendered() {
     let out = tempfile::tempdir().unwrap();
@@ -581,7 +477,7 @@ fn a_model_comes_with_the_picture_that_its_material_names() {
 
 #[test]
 fn what_a_graph_expects_is_checked_when_it_runs() {
-    let folder = tested_graph();
+    let folder = graph_tests::tested_graph();
     let graph = folder.path().join("net.ron");
     let text = std::fs::read_to_string(&graph).unwrap();
     let expecting = |expect: &str| {

@@ -119,6 +119,74 @@ fn a_large_file_is_not_read_for_a_forecast() {
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
+/// A function of a mesh, with a lift.
+const FUNCTION: &str = r#"Graph(
+    format: 1,
+    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
+    inputs: { "mesh": Mesh(doc: "It.") },
+    nodes: { "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)) },
+    outputs: { "out": "lifted" },
+)
+"#;
+
+#[test]
+fn a_large_file_at_an_input_is_not_read_for_a_forecast() {
+    let project = project();
+    project.save(FUNCTION);
+    let sweep = "Sweep(graph: \"doll.ron\", over: Files(\"*.obj\", input: \"mesh\"))";
+    fs::write(project.folder().join("all.sweep.ron"), sweep).unwrap();
+    let large = |bytes: u64| {
+        let file = fs::File::create(project.folder().join("large.obj")).unwrap();
+        file.set_len(bytes).unwrap();
+    };
+    large(50 << 30);
+    let start = Instant::now();
+    let input = ["--input", "mesh=large.obj"];
+    for before in [false, true] {
+        let unread = match before {
+            false => "not computed before",
+            true => "file large.obj may have changed and was not read",
+        };
+        for words in [&["run", "doll.ron", "-n"][..], &["why", "doll.ron", "lifted"]] {
+            let (_, text) = told(&project, &[words, &input].concat());
+            assert!(text.contains(unread), "{words:?}: {text}");
+        }
+        let (lines, text) = told(&project, &["batch", "all.sweep.ron", "-n"]);
+        assert_eq!(lines.len(), 3, "{text}");
+        assert!(text.contains("2 of 2 tasks would run"), "{text}");
+        told(&project, &["run", "doll.ron", "--input", "mesh=tet.obj"]);
+    }
+    // 50 GB take minutes.
+    assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
+    let (_, text) = told(&project, &["run", "doll.ron", "-n", "--input", "mesh=tet.obj"]);
+    assert!(text.starts_with("cached"), "{text}");
+}
+
+#[test]
+fn a_large_file_at_an_input_that_has_not_changed_is_known_by_its_stamp() {
+    let project = project();
+    project.save(FUNCTION);
+    let write = |corner: &str| {
+        let comment = format!("#{}\n", " ".repeat(99)).repeat(700_000);
+        let mesh = TETRAHEDRON.replace("v 9 0 0", corner);
+        fs::write(project.folder().join("large.obj"), mesh + &comment).unwrap();
+        wait();
+    };
+    let input = ["--input", "mesh=large.obj"];
+    let dry = || told(&project, &[&["run", "doll.ron", "-n"], &input[..]].concat());
+    write("v 9 0 0");
+    told(&project, &[&["run", "doll.ron"], &input[..]].concat());
+    let (lines, text) = dry();
+    assert_eq!(lines, ["cached mesh", "cached lifted"], "{text}");
+    let (_, text) =
+        told(&project, &[&["run", "doll.ron", "-n", "--set", "lift=6"], &input[..]].concat());
+    assert!(text.contains("parameter `translate[1]` 5 -> 6"), "{text}");
+    write("v 8 0 0");
+    let (lines, text) = dry();
+    assert_eq!(lines, ["may run", "may run"].map(str::to_owned), "{text}");
+    assert!(text.contains("file large.obj may have changed and was not read"), "{text}");
+}
+
 #[test]
 fn only_leaves_out_what_is_expected_of_other_outputs() {
     let project = project();

@@ -1,5 +1,6 @@
 //! The program as its users see it: what its commands do, say and write.
 
+mod all_mistakes;
 mod at_once;
 mod batch;
 mod blessing;
@@ -19,6 +20,7 @@ mod moves;
 mod new;
 mod nothing_is_lost;
 mod pictures;
+mod read_only;
 mod real_scans;
 mod remote;
 mod replaying;

@@ -364,6 +364,46 @@ fn links_that_lead_in_a_circle_and_pipes_hang_nothing() {
 }
 
 #[test]
+fn no_command_waits_for_who_writes_to_a_pipe() {
+    let project = Project::new();
+    project.pipe("pipe.ron");
+    project.pipe("pipe.sweep.ron");
+    let commands: &[&[&str]] = &[
+        &["diff", "net.ron", "pipe.ron"],
+        &["diff", "pipe.ron", "net.ron"],
+        &["merge", "net.ron", "pipe.ron", "net.ron"],
+        &["merge", "net.ron", "net.ron", "pipe.ron"],
+        &["set", "pipe.ron", "a=1"],
+        &["edit", "pipe.ron", "remove", "a"],
+        &["extract", "pipe.ron", "a", "--to", "b.ron"],
+        &["inline", "pipe.ron", "a"],
+        &["migrate", "pipe.ron"],
+        &["lock", "pipe.ron"],
+        &["pin", "pipe.ron", "a"],
+        &["why", "pipe.ron", "a"],
+        &["inspect", "pipe.ron", "a"],
+        &["profile", "pipe.ron"],
+        &["render", "pipe.ron", "a", "a.png"],
+        &["batch", "pipe.sweep.ron"],
+        &["batch", "pipe.ron", "--sweep", "a=1"],
+        &["sheet", "pipe.ron"],
+        &["test", "pipe.ron"],
+        &["new", "--from", "pipe.ron"],
+        &["run", "net.ron", "--input", "a=pipe.ron"],
+    ];
+    for words in commands {
+        let output = project.maquette(words);
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{words:?}: {}", said(&output));
+    }
+    let output = project.maquette(&["diff", "net.ron", "pipe.ron"]);
+    assert!(
+        said(&output).contains("cannot read pipe.ron: it is no plain file"),
+        "{}",
+        said(&output)
+    );
+}
+
+#[test]
 fn a_pipe_beside_a_capture_is_an_error_and_no_hang() {
     let project = Project::new();
     for file in ["color.png", "range.pcd"] {

@@ -10,6 +10,7 @@ use serde_json::{Value as Json, json};
 
 use crate::project::Project;
 
+mod missing;
 mod outline;
 
 /// A host, and its server.

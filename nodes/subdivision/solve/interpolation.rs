@@ -1,5 +1,6 @@
 //! What the nodes that interpolate have in common: their parameters, how they find control points, and what they give.
 
+use maquette_node::FieldError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -102,6 +103,12 @@ impl Interpolation {
     /// Whether the control points are the solution of linear equations.
     pub(crate) fn is_linear(&self) -> bool {
         self.foot == Foot::Vertex && self.direction == Direction::Residual
+    }
+
+    /// The same as an error of a node's fields.
+    pub(crate) fn check_fields(&self) -> Result<(), FieldError> {
+        let help = "take `solver: Plain`, or `foot: Vertex` with `direction: Residual`";
+        self.check().map_err(|why| FieldError::new("solver", why, help))
     }
 
     /// # Errors

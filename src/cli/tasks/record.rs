@@ -11,8 +11,16 @@ use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
+use crate::Shown;
+
 /// The folder of records in that of a batch.
 pub(super) const FOLDER: &str = "tasks";
+
+/// Says that a file of a batch cannot be written, and what to do.
+pub(super) fn unwritten(path: &Path, why: &dyn std::fmt::Display) -> String {
+    let help = "make the folder writable, or choose another one with --out";
+    format!("cannot write {}: {why}\n  = help: {help}", path.shown())
+}
 
 /// How a task ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]

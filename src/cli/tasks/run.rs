@@ -17,8 +17,7 @@ use maquette_render::{Kind, Look, View, picture};
 use maquette_syntax::error::{Problem, Severity, with_those_of_run};
 use maquette_value::Hash;
 
-use super::record::{Output, Record, State, picture_path};
-use crate::Shown;
+use super::record::{Output, Record, State, picture_path, unwritten};
 
 /// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
 const QUALITY: u8 = 88;
@@ -157,9 +156,9 @@ impl Batch<'_> {
     /// What each node of a task would do now, with the hash of what it is made of.
     pub(crate) fn forecast(&self, session: &mut Session, task: &Task) -> Vec<(Hash, Forecast)> {
         let Loaded { graph: Some(graph), .. } = self.load(session, task) else { return Vec::new() };
-        let Ok(graph) = self.fed(session, &graph, task).map(|(graph, _)| graph) else {
-            return Vec::new();
-        };
+        let known = session.known_inputs(&graph, &task.row.inputs);
+        let graph = known.and_then(|(known, _)| session.fed_with_known(&graph, &known));
+        let Ok(graph) = graph else { return Vec::new() };
         let graph = session.as_last_known(&graph);
         let made = session.made_of_nodes(&graph);
         let folder = self.folder_of(task);
@@ -211,12 +210,9 @@ impl Batch<'_> {
             return Ok(None);
         }
         let destination = self.destination(&sources);
-        let cannot = |what: &Path, why: &dyn std::fmt::Display| {
-            format!("cannot write {}: {why}", what.shown())
-        };
         let path = picture_path(self.out, &task.name);
         if let Some(picture) = &done.picture {
-            destination.write(&path, picture).map_err(|why| cannot(&path, &why))?;
+            destination.write(&path, picture).map_err(|why| unwritten(&path, &why))?;
         }
         let picture =
             done.picture.map(|bytes| self.left("picture", &path, bytes.len(), Hash::of(&bytes)));
@@ -238,7 +234,7 @@ impl Batch<'_> {
             as_read: files.as_read,
         };
         let path = super::record::path(self.out, &task.name);
-        record.write(self.out, &destination).map_err(|why| cannot(&path, &why))?;
+        record.write(self.out, &destination).map_err(|why| unwritten(&path, &why))?;
         Ok(Some(record))
     }
 

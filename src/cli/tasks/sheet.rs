@@ -11,7 +11,7 @@ use maquette_value::plain;
 use serde_json::{Value as Json, json};
 
 use super::Batch;
-use super::record::{Record, State};
+use super::record::{Record, State, unwritten};
 
 /// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.
 const PAGE: &str = include_str!("sheet/sheet.html");
@@ -39,7 +39,7 @@ impl Batch<'_> {
         let path = self.out.join("index.html");
         let page = page(self.sweep, self.out, self.options.draft);
         let written = self.destination(&Sources::default()).put(&path, page.as_bytes());
-        written.map_err(|why| format!("cannot write {}: {why}", path.display()))?;
+        written.map_err(|why| unwritten(&path, &why))?;
         Ok(path)
     }
 }

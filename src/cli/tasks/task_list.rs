@@ -13,7 +13,7 @@ use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
 use super::Batch;
-use super::record::{FOLDER, Record};
+use super::record::{FOLDER, Record, unwritten};
 use crate::Shown;
 
 /// The folder of lists in that of records. No task has a name with an `@`.
@@ -175,7 +175,7 @@ impl Batch<'_> {
         let (bytes, hash) = TaskList::of(self.sweep).written();
         let path = self.list_path(&hash);
         let written = self.destination(&Sources::default()).put(&path, &bytes);
-        written.map_err(|why| format!("cannot write {}: {why}", path.shown()))?;
+        written.map_err(|why| unwritten(&path, &why))?;
         Ok(hash)
     }
 

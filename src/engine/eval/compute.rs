@@ -39,13 +39,15 @@ impl Run<'_> {
         Ok(Loaded::Files(paths.zip(files).collect()))
     }
 
-    /// Runs a node, keeps its result and tells what happened; none inside if it fails, none at all if it has to wait for memory.
+    /// Runs a node, compares its result with the `known` one, keeps it and tells what happened; none inside if it fails, none at all if
+    /// it has to wait for memory.
     pub(super) fn compute(
         &self,
         index: usize,
         parts: Parts,
         key: Hash,
         files: &BTreeMap<PathBuf, Option<File>>,
+        known: Option<Arc<Outcome>>,
     ) -> Option<Option<Arc<Done>>> {
         let node = &self.graph.nodes()[index];
         let start = Instant::now();
@@ -74,8 +76,9 @@ impl Run<'_> {
         let seconds = start.elapsed().as_secs_f64();
         let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
         let before = self.before(index);
-        let reason = match (self.plan.tasks[index], before) {
-            (Task::Verify, _) => Reason::Verified,
+        let differs = known.as_ref().is_some_and(|known| !known.equals(&outcome));
+        let reason = match (&known, before) {
+            (Some(_), _) => Reason::Verified,
             (_, None) => Reason::First,
             (_, Some(before)) => parts.change(&before.parts).map_or(Reason::Lost, Reason::Changed),
         };
@@ -85,19 +88,26 @@ impl Run<'_> {
             // They are cut again at once from what is kept.
             _ if node.kind() == ELEMENTS => false,
             Some(disk) => {
-                let is_new = self.plan.tasks[index] == Task::Look;
-                disk.keep(key, node.kind(), &outcome, &values, is_new)
+                let is_new = self.plan.tasks[index] == Task::Look && known.is_none();
+                let is_kept = disk.keep(key, node.kind(), &outcome, &values, is_new);
+                if differs && !is_kept {
+                    disk.remove(key);
+                }
+                is_kept
             }
             None => {
                 outcome.owe();
                 false
             }
         };
-        self.set_new(index, is_kept && !same);
+        if self.evaluator.is_verifying() {
+            lock(&self.evaluator.verified).insert(key);
+        }
+        self.set_new(index, is_kept && !same && known.is_none());
         self.hold(index, &values);
         self.tell(News {
             unchanged: same,
-            differs: self.plan.tasks[index] == Task::Verify && !same,
+            differs,
             start: start.duration_since(self.start).as_secs_f64(),
             seconds,
             estimate: estimate.map(|estimate| estimate.bytes),

@@ -207,6 +207,11 @@ impl Disk {
         keeps
     }
 
+    /// Removes a result that its node does not give.
+    pub(super) fn remove(&self, key: Hash) {
+        self.store.remove(&self.store.entry_path(key));
+    }
+
     /// Keeps what an evaluation of a graph found.
     pub(super) fn keep_snapshot(&self, snapshot: &Arc<Snapshot>, files: Vec<KnownFile>) {
         if self.trouble().is_none() {

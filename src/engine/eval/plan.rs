@@ -3,10 +3,11 @@
 use std::sync::{Arc, OnceLock};
 
 use maquette_graph::Graph;
+use maquette_value::Hash;
 
-use super::Evaluator;
 use super::key::Parts;
 use super::snapshot::{Done, Snapshot, Visited};
+use super::{Evaluator, lock};
 
 /// What an evaluation does with each node.
 pub(super) struct Plan {
@@ -117,7 +118,7 @@ impl Plan {
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             tasks[index] = match known.get(index) {
                 None => Task::Look,
-                Some(done) if evaluator.verifies(done) => Task::Verify,
+                Some(done) if evaluator.verifies(done.key) => Task::Verify,
                 Some(_) => Task::None,
             };
         }
@@ -220,9 +221,11 @@ impl Evaluator {
         done.outcome.has_values() || self.known_results().is_some_and(|disk| disk.has(done.key))
     }
 
-    /// Whether a result is among those that are compared.
-    fn verifies(&self, done: &Done) -> bool {
-        let [a, b, ..] = done.key.0;
-        0.0 < self.verify && f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
+    /// Returns true if the cached result of this key is to be computed and compared.
+    pub(super) fn verifies(&self, key: Hash) -> bool {
+        let [a, b, ..] = key.0;
+        self.is_verifying()
+            && f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
+            && !lock(&self.verified).contains(&key)
     }
 }

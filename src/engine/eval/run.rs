@@ -274,9 +274,9 @@ impl<'a> Run<'a> {
         loop {
             let key = parts.key();
             let mut flight = lock(&self.in_flight);
-            if self.plan.tasks[index] == Task::Look
-                && let Some(outcome) = self.find(index, key)
-            {
+            let mut known = self.known(index, key);
+            let is_believed = self.plan.tasks[index] == Task::Look && !self.evaluator.verifies(key);
+            if is_believed && let Some(outcome) = known.take() {
                 drop(flight);
                 return Some((
                     Some(self.not_run(index, parts, key, outcome, ran_above)),
@@ -292,12 +292,13 @@ impl<'a> Run<'a> {
             }
             drop(flight);
             // Nobody else who looks anything up waits for the server.
-            if let Some(outcome) = self.fetch(index, key) {
+            known = known.or_else(|| self.fetch(index, key));
+            if is_believed && let Some(outcome) = known.take() {
                 let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
                 return Some((Some(self.not_run(index, parts, key, outcome, ran_above)), waiters));
             }
             let done = match self.load(node, &parts) {
-                Ok(Loaded::Files(files)) => match self.compute(index, parts, key, &files) {
+                Ok(Loaded::Files(files)) => match self.compute(index, parts, key, &files, known) {
                     Some(done) => done,
                     None => {
                         // It waits for memory, and so do those that wait for it.
@@ -329,12 +330,25 @@ impl<'a> Run<'a> {
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
+    /// The result to which a computed one is compared, or which takes its place.
+    fn known(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
+        match self.plan.tasks[index] {
+            Task::Look => self.find(index, key),
+            Task::Verify => {
+                let known = self.plan.known.get(index).filter(|done| done.key == key);
+                known.map(|done| done.outcome.clone())
+            }
+            Task::None | Task::Restore => None,
+        }
+    }
+
     /// What is known of a node's result of this key.
     pub(super) fn find(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
-        if let Some(before) = self.before(index).filter(|before| before.key == key) {
-            return Some(before.outcome.clone());
-        }
-        let found = self.evaluator.cache.find(key);
+        // What this process has computed comes before what another one has noted.
+        let found = self.evaluator.cache.find(key).or_else(|| {
+            let before = self.before(index).filter(|before| before.key == key)?;
+            Some(before.outcome.clone())
+        });
         found.or_else(|| {
             let outcome = Arc::new(self.evaluator.known_results()?.find(key)?);
             self.evaluator.cache.keep(key, outcome.clone());

@@ -188,7 +188,11 @@ impl Run<'_> {
             (false, Some(None)) => Reason::Lost,
             (false, Some(Some(change))) => Reason::Changed(change),
         };
-        let outlook = if found.is_some() { Outlook::Cached } else { Outlook::Runs };
+        let (outlook, reason) = match &found {
+            Some(_) if self.evaluator.verifies(key) => (Outlook::Runs, Reason::Verified),
+            Some(_) => (Outlook::Cached, reason),
+            None => (Outlook::Runs, reason),
+        };
         if let Some((outcome, slot)) = found.zip(self.slot(index)) {
             let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
         }

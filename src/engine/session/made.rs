@@ -47,13 +47,7 @@ impl Session {
             _ => PathBuf::from("."),
         };
         let root = project_root(&folder(&graph.source().name));
-        let input = |(_, path): &(String, PathBuf)| NodeFile {
-            given: path.display().to_string(),
-            path: path.clone(),
-            needed: true,
-            roots: [root.clone()].into(),
-            missing: None,
-        };
+        let input = |(_, path): &(String, PathBuf)| NodeFile::given(path, [root.clone()].into());
         let inputs = Vec::from_iter(inputs.iter().map(input));
         let known = self.evaluator.known_files();
         let reads = Reads::new(known, graph.readers());

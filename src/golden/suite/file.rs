@@ -50,7 +50,8 @@ impl FileKind {
             Self::Test => match case::read_text(path, text, catalog) {
                 (Some(test), mut problems) => {
                     let is_whole = problems.is_empty();
-                    problems.extend(of_test(&test, catalog, options));
+                    let found = of_test(&test, catalog, options).into_iter();
+                    problems.extend(found.filter(|it| !test.doubts.cover_problem(it)));
                     (problems, is_whole.then_some(test))
                 }
                 (None, problems) => (problems, None),

@@ -11,8 +11,8 @@ use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, 
 use maquette_syntax::paths::{folder_of_new, project_root};
 use maquette_syntax::spelling::one_file;
 use maquette_syntax::{
-    Body, Field, Finding, Help, Kind, Name, Tree, Walk, nearest_or_all, parse, quoted, read_tree,
-    syntax_problems, twice,
+    Body, Field, Finding, Help, Kind, Mistake, Name, ReadText, Sheet, Tree, Walk, nearest_or_all,
+    parse, quoted, read_tree, twice,
 };
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -113,15 +113,24 @@ pub fn read_untried(path: &Path, text: &str, catalog: &Catalog, options: &Option
 }
 
 fn read(path: &Path, text: &str, catalog: &Catalog, options: &Options, tries: bool) -> Read {
-    let (mut tree, mistakes) = parse(text);
-    if !mistakes.is_empty() {
-        return (None, syntax_problems(path, text, mistakes));
-    }
     let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
-    with_names(&mut tree);
-    let mut checker = Checker { source, catalog, options, tries, problems: Vec::new() };
-    let sweep = checker.sweep(&tree);
+    let sheet = Sheet::new(source.clone(), PathBuf::new());
+    let ReadText { tree, mistakes, doubts } = ReadText::new(&sheet, parse(text), &["Sweep"]);
+    let is_whole = doubts.is_none();
+    let mut checker = Checker { source, catalog, options, tries, is_whole, problems: Vec::new() };
+    let sweep = tree.and_then(|mut tree| {
+        with_names(&mut tree);
+        checker.sweep(&tree)
+    });
     let mut problems = checker.problems;
+    if let Some(doubts) = doubts {
+        problems.retain(|problem| !doubts.cover_problem(problem));
+        for Mistake { span, message, help } in mistakes {
+            let note = None;
+            problems
+                .push(Finding { code: code::SYNTAX, span, message, help, note }.at(&sheet.source));
+        }
+    }
     problems.sort_by_key(|problem| problem.span);
     let has_error = problems.iter().any(|problem| problem.severity == Severity::Error);
     (sweep.filter(|_| !has_error), problems)
@@ -182,6 +191,8 @@ struct Checker<'a> {
     options: &'a Options,
     /// Whether each value is tried on the graph.
     tries: bool,
+    /// Whether there are no syntax errors.
+    is_whole: bool,
     problems: Vec<Problem>,
 }
 
@@ -238,7 +249,11 @@ impl Checker<'_> {
         let all = Vec::from_iter(entries(tree, "set").iter().filter_map(set));
         let rows = self.rows(&file, tree, &folder, &graph)?;
         self.idle(&all, &rows);
-        let sweep = self.named(&file, tree, &graph, &all, rows)?;
+        let mut sweep = self.named(&file, tree, &graph, &all, rows)?;
+        if !self.is_whole {
+            let is_read = |set: &Set| parse(&set.text).1.is_empty();
+            sweep.tasks.iter_mut().for_each(|task| task.row.set.retain(is_read));
+        }
         if self.tries {
             self.tried(&sweep);
         }

@@ -169,6 +169,30 @@ fn what_does_not_count_need_not_be_finite() {
 }
 
 #[test]
+fn what_is_computed_from_nan_is_nan_and_compares_with_nothing() {
+    let parameters = BTreeMap::from([("a".to_owned(), Outcome::Number(Quantity::pure(f64::NAN)))]);
+    for name in function_names().filter(|name| *name != "if") {
+        let function = Function::named(name).unwrap();
+        for (place, count) in
+            (function.least..=function.most.min(3)).flat_map(|n| (0..n).map(move |k| (k, n)))
+        {
+            let argument = |k: usize| if k == place { "a" } else { ["0", "1", "2"][k] };
+            let call = format!("{name}({})", Vec::from_iter((0..count).map(argument)).join(", "));
+            let Ok(Outcome::Number(found)) = evaluate_any(&call, &parameters) else {
+                panic!("{call}")
+            };
+            assert!(found.value.is_nan(), "{call} is {}", found.value);
+        }
+    }
+    for operator in ["<", "<=", ">", ">=", "==", "!="] {
+        for text in [format!("a {operator} 1"), format!("1 {operator} min(a, 1)")] {
+            assert_eq!(evaluate_any(&text, &parameters), Ok(Outcome::Truth(false)), "{text}");
+        }
+    }
+    assert_eq!(value("1 != 2 and not (1 != 1)"), Ok(Outcome::Truth(true)));
+}
+
+#[test]
 fn angles_are_computed_in_their_units() {
     let near = |text: &str, expected: f64, unit: &str| {
         let Ok(Outcome::Number(found)) = value(text) else { panic!("{text}: {:?}", value(text)) };

@@ -138,13 +138,25 @@ impl Search<'_> {
         found.retain(|proposal| {
             !proposal.detail.starts_with("Text") && !proposal.detail.starts_with("Color")
         });
+        // What follows the word of the expression, not its text.
+        let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let rest = self.text[self.at..].trim_start_matches(is_part).trim_start();
+        let call = |name: &str| match rest.starts_with('(') {
+            true => name.to_owned(),
+            false => format!("{name}($0)"),
+        };
         for name in Library::words_in("Expr") {
             found.push(Proposal {
                 doc: Library::word("Expr", &name),
-                ..self.proposal(&name, format!("{name}($0)"), Sort::Value, 100 + found.len())
+                ..self.proposal(&name, call(&name), Sort::Value, 100 + found.len())
             });
         }
-        found.push(self.proposal("pi", "pi".to_owned(), Sort::Value, 100 + found.len()));
+        for name in ["pi", "true", "false"] {
+            found.push(self.proposal(name, name.to_owned(), Sort::Value, 100 + found.len()));
+        }
+        for name in unit_names() {
+            found.push(self.proposal(name, call(name), Sort::Unit, 100 + found.len()));
+        }
         match is_text(self.cursor) {
             true => found,
             false => Vec::new(),

@@ -100,6 +100,57 @@ fn completion_proposes_what_fits() {
 }
 
 #[test]
+fn functions_of_expressions_are_proposed_and_their_parentheses_written_once() {
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    let head = "Graph(params: { \"growth\": Number(default: 1.0, unit: \"mm\") }, nodes: { \"ball\": ReadMesh(path: \"ball.obj\"), \"a\": Transform(mesh: \"ball\", translate: (0, Expr(\"";
+    // What is proposed at the bar, with what is written.
+    let mut proposed = |text: &str| {
+        let (before, behind) = text.split_once('|').unwrap();
+        let whole = format!("{head}{before}{behind}");
+        editor.open(&path, &whole);
+        let mark = format!("{head}{before}");
+        let found = editor.at("textDocument/completion", &path, &whole, &mark);
+        let items = found["items"].as_array().unwrap().iter();
+        let word = |json: &serde_json::Value| json.as_str().unwrap().to_owned();
+        let of =
+            |item: &serde_json::Value| (word(&item["label"]), word(&item["textEdit"]["newText"]));
+        Vec::from_iter(items.map(of))
+    };
+    let functions = [
+        "min", "max", "clamp", "abs", "floor", "round", "sqrt", "pow", "sin", "cos", "tan", "asin",
+        "acos", "atan", "atan2", "if",
+    ];
+    for text in ["|", "growth * |", "max(1, |", "|\"), 0))", "if(growth > 1, |"] {
+        let found = proposed(text);
+        assert_eq!(found[0].0, "growth", "{text}: {found:?}");
+        for name in functions {
+            let named = found.iter().filter(|(label, _)| label == name);
+            assert_eq!(named.count(), 1, "{name} behind {text} in {found:?}");
+        }
+    }
+    for name in functions {
+        for text in [format!("{name}|"), format!("2 * {name}|\"), 0))"), format!("growth+{name}|")]
+        {
+            let (label, written) = &proposed(&text)[0];
+            assert_eq!((&label[..], &written[..]), (name, &format!("{name}($0)")[..]), "{text}");
+        }
+        // It is called already.
+        for text in
+            [format!("{name}|(growth)\"), 0))"), format!("1 + {}|{} (2)", &name[..1], &name[1..])]
+        {
+            let found = proposed(&text);
+            let (_, written) = found.iter().find(|(label, _)| label == name).unwrap();
+            assert_eq!(written, name, "{text}");
+        }
+    }
+    assert_eq!(proposed("cla|mp(1)")[0], ("clamp".to_owned(), "clamp".to_owned()));
+    assert_eq!(proposed("tru|")[0], ("true".to_owned(), "true".to_owned()));
+    assert_eq!(proposed("inc|")[0], ("inch".to_owned(), "inch($0)".to_owned()));
+}
+
+#[test]
 fn completion_bears_every_cut() {
     let mut texts = Vec::new();
     files(&std::fs::canonicalize(GRAPHS).unwrap(), &mut texts);

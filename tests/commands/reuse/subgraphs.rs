@@ -230,7 +230,10 @@ fn a_trap_of_uses_that_double_each_time_is_refused() {
             String::from_iter(nodes)
         )
     };
-    let mut files = vec![("l0.ron".to_owned(), lib("PointNet(points: [[(0, 0, 0)]])"))];
+    let mut files = vec![(
+        "l0.ron".to_owned(),
+        lib("PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]])"),
+    )];
     for k in 1..9 {
         files.push((format!("l{k}.ron"), lib("I()").replace("INNER", &format!("l{}.ron", k - 1))));
     }

@@ -1,0 +1,62 @@
+//! One input file that is missing stops only what depends on it, for a host as for the command line.
+
+use std::fs;
+
+use serde_json::{Value as Json, json};
+
+use super::Host;
+use crate::missing_files::{TETRAHEDRON, project};
+
+/// The severities of all problems, each with its message.
+fn problems(answer: &Json) -> Vec<(&str, &str)> {
+    let problems = answer["problems"].as_array().unwrap().iter();
+    problems.map(|it| (it["severity"].as_str().unwrap(), it["message"].as_str().unwrap())).collect()
+}
+
+const MESSAGE: &str = "there is no file `tte.obj`";
+
+#[test]
+fn only_what_depends_on_a_missing_file_fails() {
+    let project = project();
+    let mut host = Host::of(&project);
+    for asked in ["load", "outline"] {
+        let told = host.ask(asked, json!({ "graph": "doll.ron" }));
+        let warning = vec![("warning", MESSAGE)];
+        assert_eq!((&told["ok"], problems(&told)), (&json!(true), warning), "{asked}");
+    }
+    // What is wanted, whether that is there, and the state of each node that it needs.
+    let mut check = |want: Option<&[&str]>, set: Json, given: &[&str], nodes: &[(&str, &str)]| {
+        let mut wish = json!({ "graph": "doll.ron", "set": set });
+        if let Some(want) = want {
+            wish["want"] =
+                want.iter().map(|value| json!({ "value": value, "as": "facts" })).collect();
+        }
+        let told = host.ask("run", wish);
+        let is_right = nodes.iter().all(|(_, state)| !matches!(*state, "failed" | "skipped"));
+        let severity = if is_right { "warning" } else { "error" };
+        assert_eq!((&told["ok"], problems(&told)), (&json!(is_right), vec![(severity, MESSAGE)]));
+        let mut values = Vec::from_iter(told["values"].as_object().unwrap().keys());
+        values.sort();
+        assert_eq!(values, given, "{told}");
+        let states = told["nodes"].as_array().unwrap().iter();
+        let state =
+            |node: &Json| [&node["name"], &node["state"]].map(|it| it.as_str().unwrap().to_owned());
+        let states = Vec::from_iter(states.map(state));
+        let expected = nodes.iter().map(|(name, state)| [(*name).to_owned(), (*state).to_owned()]);
+        assert_eq!(states, Vec::from_iter(expected));
+    };
+    check(Some(&["good.obj"]), json!({}), &["good.obj"], &[("good", "computed")]);
+    check(Some(&["chosen.obj"]), json!({}), &["chosen.obj"], &[("good", "cached")]);
+    let failed = [("bad", "failed"), ("moved", "skipped")];
+    check(Some(&["bad.obj"]), json!({}), &[], &failed);
+    check(Some(&["chosen.obj"]), json!({ "which": "Bad" }), &[], &failed);
+    let all = [("good", "cached"), failed[0], failed[1]];
+    check(None, json!({}), &["chosen.obj", "good.obj"], &all);
+    let why = host.ask("why", json!({ "graph": "doll.ron", "node": "moved" }));
+    assert!(why["why"].as_str().unwrap().contains("tte.obj"), "{why}");
+
+    fs::write(project.folder().join("tte.obj"), TETRAHEDRON.replace('9', "8")).unwrap();
+    let told = host.ask("run", json!({ "graph": "doll.ron" }));
+    assert_eq!((&told["ok"], problems(&told)), (&json!(true), Vec::new()), "{told}");
+    assert_eq!(told["values"].as_object().unwrap().len(), 3, "{told}");
+}
