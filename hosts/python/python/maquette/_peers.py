@@ -150,18 +150,20 @@ def to_trimesh(mesh: Mesh) -> Any:
         vertices, triangles = vertices[origin], place.reshape(-1)[: triangles.size].reshape(-1, 3)
         vertex = {name: array[origin] for name, array in vertex.items()}
     face = {name: array[of_face] for name, array in mesh.face_attributes.items()}
-    theirs = trimesh.Trimesh(vertices, triangles, process=False, validate=False)
+    theirs = trimesh.Trimesh(np.array(vertices), np.array(triangles), process=False, validate=False)
     theirs.units = "millimeters"
     texture = mesh.texture
     if uv is not None:
         picture = None if texture is None else importlib.import_module("PIL.Image").fromarray(texture.pixels)
-        theirs.visual = trimesh.visual.TextureVisuals(uv=uv, image=picture)
+        # Other materials have a picture of their own where there is none.
+        material = trimesh.visual.material.PBRMaterial(baseColorTexture=picture)
+        theirs.visual = trimesh.visual.TextureVisuals(uv=np.array(uv), material=material)
     elif "color" in vertex:
         theirs.visual = trimesh.visual.ColorVisuals(theirs, vertex_colors=vertex.pop("color"))
     elif "color" in face:
         theirs.visual = trimesh.visual.ColorVisuals(theirs, face_colors=face.pop("color"))
-    theirs.vertex_attributes.update(vertex)
-    theirs.face_attributes.update(face)
+    theirs.vertex_attributes.update({name: np.array(array) for name, array in vertex.items()})
+    theirs.face_attributes.update({name: np.array(array) for name, array in face.items()})
     kept = [part for name, part in ((name, mesh.parts[f"corner {name}"]) for name in at_corners) if name != "uv"]
     kept = [part._replace(array=part.array[corners]) for part in kept]
     if texture is not None and uv is None:
@@ -245,7 +247,8 @@ def _merged(parts: _Parts, vertices: Any, faces: Any, origin: NDArray[np.int64])
 
     _, first = np.unique(origin, return_index=True)
     names = [name for name, part in parts.items() if _on(part) == "vertex" and name != "uv"]
-    if not all((array[first][origin] == array).all() for array in [vertices, *(_array(parts[name]) for name in names)]):
+    arrays = [np.asarray(vertices), *(_array(parts[name]) for name in names)]
+    if any(array[first][origin].tobytes() != np.ascontiguousarray(array).tobytes() for array in arrays):
         return None
     for name in names:
         part = parts[name]
