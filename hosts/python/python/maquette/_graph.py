@@ -382,7 +382,7 @@ class Graph:
         not hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell. Raises
         TimeoutError or Cancelled if it was stopped.
         """
-        return self._evaluate(
+        return self._until_cancelled(
             _maquette.Cancel(),
             outputs,
             nodes=nodes,
@@ -401,12 +401,21 @@ class Graph:
         from ._running import Running
 
         token = _maquette.Cancel()
-        return Running(lambda: self._evaluate(token, *outputs, **arguments), token)
+        self._running.add(token)
+        return Running(lambda: self._until_cancelled(token, *outputs, **arguments), token)
 
     def cancel(self) -> None:
         """Stops the runs of the graph that are under way on other threads; each raises Cancelled."""
         for token in list(self._running):
             token.cancel()
+
+    def _until_cancelled(self, token: _maquette.Cancel, /, *outputs: Any, **arguments: Any) -> Run:
+        """What `run` does, until the token stops it."""
+        self._running.add(token)
+        try:
+            return self._evaluate(token, *outputs, **arguments)
+        finally:
+            self._running.discard(token)
 
     def _evaluate(
         self,
@@ -423,7 +432,6 @@ class Graph:
         params: Optional[Mapping[str, Any]] = None,
         **named: Any,
     ) -> Run:
-        """What `run` does, until the token stops it."""
         arguments = {
             "outputs": outputs,
             "nodes": nodes,
@@ -445,7 +453,6 @@ class Graph:
             graph, checked, _ = self._checked(given, self._texts, is_draft)
         values, doubts, files = self._values({} if inputs is None else inputs)
         told, end = _told(progress, len(self.nodes))
-        self._running.add(token)
         try:
             found, wrong = self._session.run(
                 graph,
@@ -457,14 +464,13 @@ class Graph:
                 seconds,
             )
         finally:
-            self._running.discard(token)
             end()
         if found is None and token.is_cancelled:
             raise Cancelled("the run was cancelled")
         if found is None:
             raise GraphError(problems(wrong))
         checked = [*checked, *doubts]
-        self._warn(checked, 3)
+        self._warn(checked, 5)
         run = Run(self, found, _Asked(asked, wanted, is_draft, checked, files))
         failed = [problem for problem in run.problems if problem.severity == "error"]
         if failed and (strict is None or strict):
