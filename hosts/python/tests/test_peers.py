@@ -209,6 +209,18 @@ def test_open3d_of_both_kinds() -> None:
     assert maquette.Points(open3d.t.geometry.PointCloud.from_legacy(cloud)).attributes["color"].tolist() == PICTURE[:, 0].tolist()
 
 
+@pytest.mark.parametrize("ending", ["obj", "glb"])
+def test_what_open3d_reads_has_the_picture_and_uv_of_the_file(ending: str, tmp_path: pathlib.Path) -> None:
+    open3d = pytest.importorskip("open3d")
+    mesh = maquette.Mesh(V, F, uv=CHANCE.random((12, 2)), texture=PICTURE)
+    path = str(tmp_path / f"it.{ending}")
+    mesh.save(path)
+    for theirs in (open3d.io.read_triangle_mesh(path), open3d.t.io.read_triangle_mesh(path)):
+        back = maquette.Mesh(theirs)
+        assert back.texture == mesh.texture and back.uv is not None and mesh.uv is not None
+        assert np.allclose(np.sort(back.uv, axis=0), np.sort(mesh.uv, axis=0), atol=1e-5)
+
+
 def test_pyvista_meshes_and_clouds_come_in() -> None:
     pyvista = pytest.importorskip("pyvista")
     cube = pyvista.Cube().compute_normals(split_vertices=True)

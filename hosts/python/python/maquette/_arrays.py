@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ._values import Floats, Indices
+    from ._values import _Floats, _Indices
 
 MAX_INDEX = 2**32 - 1
 """The largest whole number that columns hold."""
@@ -53,7 +53,7 @@ def place(wrong: NDArray[np.bool_]) -> str:
     return f"number {at[0]}" if len(at) == 1 else f"number ({', '.join(map(str, at))})"
 
 
-def reals(name: str, given: Any, shape: Tuple[Optional[int], ...], words: str, *, missing: bool = False) -> Floats:
+def reals(name: str, given: Any, shape: Tuple[Optional[int], ...], words: str, *, missing: bool = False) -> _Floats:
     """An array of double precision and of this shape, where None is any length; `missing`: masked numbers are NaN."""
     import numpy as np
 
@@ -68,7 +68,7 @@ def reals(name: str, given: Any, shape: Tuple[Optional[int], ...], words: str, *
     return array.astype(np.float64, copy=False)
 
 
-def positions(name: str, given: Any) -> Floats:
+def positions(name: str, given: Any) -> _Floats:
     """Places, (n, 3)."""
     return reals(name, given, (None, 3), "(n, 3)")
 
@@ -101,7 +101,7 @@ def attribute(name: str, given: Any) -> Tuple[NDArray[Any], str]:
     return array.astype(np.float64, copy=False), "number"
 
 
-def ids(name: str, array: NDArray[Any]) -> Indices:
+def ids(name: str, array: NDArray[Any]) -> _Indices:
     """Whole numbers that stay what they are. Raises ValueError with the first one that cannot."""
     import numpy as np
 
@@ -115,7 +115,7 @@ def ids(name: str, array: NDArray[Any]) -> Indices:
     return array.astype(np.uint32, copy=False)
 
 
-def exact(name: str, array: NDArray[Any]) -> Floats:
+def exact(name: str, array: NDArray[Any]) -> _Floats:
     """Whole numbers as floats. Raises ValueError with the first one that is none."""
     import numpy as np
 
@@ -190,7 +190,7 @@ def faces(given: Any) -> Any:
     return array
 
 
-def corners(given: Any) -> Indices:
+def corners(given: Any) -> _Indices:
     """Numbers of vertices."""
     import numpy as np
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ._values import Floats, Indices, _AnyPart
+    from ._values import _AnyPart, _Indices
 
     _Parts = Dict[str, _AnyPart]
 
@@ -180,7 +180,7 @@ def _triangle_corners(mesh: Mesh) -> Any:
     """For each corner of each triangle the corner of the mesh, and for each triangle the face."""
     import numpy as np
 
-    corners: Indices = np.asarray(mesh._native.triangle_corners()).reshape(-1)
+    corners: _Indices = np.asarray(mesh._native.triangle_corners()).reshape(-1)
     of_face = np.repeat(np.arange(len(mesh.offsets) - 1), np.diff(mesh.offsets) - 2)
     return corners, of_face
 
@@ -233,7 +233,7 @@ def _add_visual(parts: _Parts, visual: Any) -> None:
         picture = getattr(material, "baseColorTexture", None)
         picture = getattr(material, "image", None) if picture is None else picture
         if picture is not None:
-            parts.update({name: part for name, part in _pictures.texture_parts(picture).items() if part[1] is not None})
+            _add_texture(parts, picture)
     elif kind == "vertex":
         _add(parts, "vertex", "color", visual.vertex_colors, opaque=True)
     elif kind == "face":
@@ -331,7 +331,8 @@ def _legacy(open3d: Any, theirs: Any, texture: Any) -> Any:
     if "texture_uvs" in theirs.triangle:
         mesh.triangle_uvs = open3d.utility.Vector2dVector(theirs.triangle.texture_uvs.numpy().reshape(-1, 2))
     if texture is not None:
-        mesh.textures = [open3d.geometry.Image(np.array(texture.pixels))]
+        # Pictures of this kind of mesh begin with the lowest row.
+        mesh.textures = [open3d.geometry.Image(np.array(texture.pixels[::-1]))]
         mesh.triangle_material_ids = open3d.utility.IntVector([0] * len(mesh.triangles))
     return mesh
 
@@ -387,18 +388,29 @@ def _of_legacy_open3d(theirs: Any) -> _Parts:
         _add(parts, "vertex", "normal", theirs.vertex_normals)
     if theirs.has_triangle_uvs():
         _add(parts, "corner", "uv", theirs.triangle_uvs)
-    textures = [np.asarray(texture) for texture in theirs.textures]
-    textures = [texture for texture in textures if texture.size]
+    # One without pixels is no array.
+    textures = [np.asarray(texture) for texture in theirs.textures if not texture.is_empty()]
     if textures:
-        _add_texture(parts, textures[0])
+        # Pictures of this kind of mesh begin with the lowest row.
+        _add_texture(parts, textures[0][::-1])
     if len(textures) > 1:
         warnings.warn(f"the mesh has {len(textures)} textures, of which the first one is kept", stacklevel=5)
     return parts
 
 
-def _add_texture(parts: _Parts, pixels: NDArray[Any]) -> None:
-    pixels = pixels[..., :3] if pixels.ndim == 3 and pixels.shape[2] == 4 else pixels
-    parts.update({name: part for name, part in _pictures.texture_parts(pixels).items() if part[1] is not None})
+def _add_texture(parts: _Parts, picture: Any) -> None:
+    """Adds the picture on a mesh, without its alpha; one that cannot be kept is a warning."""
+    import numpy as np
+
+    if isinstance(picture, np.ndarray):
+        tall = picture.reshape(*picture.shape[:2], -1)
+        picture = tall[..., :3] if tall.shape[2] >= 3 else np.repeat(tall[..., :1], 3, axis=2)
+    try:
+        pictures = _pictures.texture_parts(picture)
+    except ValueError as error:
+        warnings.warn(f"the picture of the mesh is left out: {error}", stacklevel=6)
+        return
+    parts.update({name: part for name, part in pictures.items() if part[1] is not None})
 
 
 # PyVista

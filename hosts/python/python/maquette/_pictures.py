@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
 from . import _arrays
 
 if TYPE_CHECKING:
-    from ._values import Bytes, Image, Part
+    from ._values import Image, Part, _Bytes
 
 TEXTURE_PARTS = ("texture", "texture size", "texture camera")
 """The columns of a mesh that are of the picture on it."""
 
 
-def pixels_of(picture: Any) -> Bytes:
+def pixels_of(picture: Any) -> _Bytes:
     """A picture as (rows, columns, 3) bytes, sRGB: an array of 8 or 16 bits, a picture of Pillow or an `Image`.
 
     As in files, 16 bits are cut to the upper 8, floats of Pillow are light from 0 to 1, and alpha is dropped.

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
-    Indices = NDArray[np.uint32]
-    Bytes = NDArray[np.uint8]
-    Flags = NDArray[np.bool_]
+    _Floats = NDArray[np.float64]
+    _Indices = NDArray[np.uint32]
+    _Bytes = NDArray[np.uint8]
+    _Flags = NDArray[np.bool_]
 
 V = TypeVar("V", bound="Value")
 
@@ -87,7 +87,10 @@ def _array_for(array: NDArray[Any], dtype: Any, copy: Optional[bool]) -> NDArray
     """An array as `__array__` gives it. Each access is a copy."""
     if copy is False:
         raise ValueError("arrays of values are copies")
-    return array if dtype is None else array.astype(dtype)
+    if dtype is None or dtype == array.dtype:
+        # Who asks for a copy means to change it.
+        return array.copy() if copy else array
+    return array.astype(dtype)
 
 
 def _copy(column: _maquette.Column) -> NDArray[Any]:
@@ -454,26 +457,26 @@ class Mesh(Value):
         return _peers.to_pyvista(self)
 
     @property
-    def vertices(self) -> Floats:
+    def vertices(self) -> _Floats:
         """The places of its vertices, (n, 3), in mm."""
-        array: Floats = self._array("position")
+        array: _Floats = self._array("position")
         return array
 
     @property
-    def faces(self) -> Indices:
+    def faces(self) -> _Indices:
         """The vertices of its faces, (m, corners of a face), counterclockwise from outside.
 
         Raises ValueError where faces have several sizes: then `corners` and `offsets` have them, and `triangles` cuts them.
         """
-        array: Indices = self._array("corners")
+        array: _Indices = self._array("corners")
         if array.ndim != 2:
             raise ValueError("the faces have several sizes: see corners and offsets, or triangles")
         return array
 
     @property
-    def corners(self) -> Indices:
+    def corners(self) -> _Indices:
         """The vertices of all faces, one face after the other, (corners,)."""
-        array: Indices = self._array("corners").reshape(-1)
+        array: _Indices = self._array("corners").reshape(-1)
         return array
 
     @property
@@ -488,23 +491,23 @@ class Mesh(Value):
         return np.concatenate([[0], np.cumsum(sides, dtype=np.int64)])
 
     @property
-    def triangles(self) -> Indices:
+    def triangles(self) -> _Indices:
         """Its faces as triangles, (t, 3), those of more corners cut along diagonals within them."""
         import numpy as np
 
         return np.asarray(self._native.triangles())
 
     @property
-    def edges(self) -> Indices:
+    def edges(self) -> _Indices:
         """The two vertices of each edge, (e, 2), the lower one first."""
         return self._edges()[0]
 
     @property
-    def corner_edge(self) -> Indices:
+    def corner_edge(self) -> _Indices:
         """For each corner the edge that leads from it to the next corner of its face, (corners,)."""
         return self._edges()[1]
 
-    def _edges(self) -> Tuple[Indices, Indices]:
+    def _edges(self) -> Tuple[_Indices, _Indices]:
         import numpy as np
 
         edges = self._native.edges()
@@ -527,7 +530,7 @@ class Mesh(Value):
         return _Attributes(self, "face", ("corners", "sides"))
 
     @property
-    def bounds(self) -> Optional[Floats]:
+    def bounds(self) -> Optional[_Floats]:
         """The lowest and the highest coordinates, (2, 3), in mm; None without vertices."""
         import numpy as np
 
@@ -551,20 +554,20 @@ class Mesh(Value):
         origin = a[:1]
         return float(np.einsum("ij,ij->", a - origin, np.cross(b - origin, c - origin)) / 6)
 
-    def _triangle_corners(self) -> Tuple[Floats, Floats, Floats]:
+    def _triangle_corners(self) -> Tuple[_Floats, _Floats, _Floats]:
         """The first, second and third corners of its triangles."""
         vertices, triangles = self.vertices, self.triangles
         return vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
 
     @property
-    def vertex_normals(self) -> Floats:
+    def vertex_normals(self) -> _Floats:
         """A unit vector for each vertex, (n, 3): the mean direction of its faces by area, whatever its attribute `normal` says."""
         import numpy as np
 
         return np.asarray(self._native.normals())
 
     @property
-    def face_normals(self) -> Floats:
+    def face_normals(self) -> _Floats:
         """A unit vector for each face, (m, 3), out of its counterclockwise side; 0 where a face has no area."""
         import numpy as np
 
@@ -576,9 +579,9 @@ class Mesh(Value):
         return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
     @property
-    def uv(self) -> Optional[Floats]:
+    def uv(self) -> Optional[_Floats]:
         """Places in the texture, (n, 2) for vertices or (corners, 2), from the lower left; None if there are none."""
-        array: Optional[Floats] = self._array_if_any("uv")
+        array: Optional[_Floats] = self._array_if_any("uv")
         return self._array_if_any("corner uv") if array is None else array
 
     @property
@@ -609,9 +612,9 @@ class Points(Value):
         return {"position": ("point", _arrays.positions("positions", given))}
 
     @property
-    def positions(self) -> Floats:
+    def positions(self) -> _Floats:
         """Places, (n, 3), in mm."""
-        array: Floats = self._array("position")
+        array: _Floats = self._array("position")
         return array
 
     @property
@@ -631,9 +634,9 @@ class Image(Value):
         self._make({"color": ("pixel", _pictures.pixels_of(pixels))})
 
     @property
-    def pixels(self) -> Bytes:
+    def pixels(self) -> _Bytes:
         """Colors, (rows, columns, 3), sRGB from 0 to 255, from the upper left. `PIL.Image.fromarray` takes them as they are."""
-        array: Bytes = self._array("color")
+        array: _Bytes = self._array("color")
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
@@ -651,11 +654,11 @@ class Mask(Value):
         self._make({"inside": ("pixel", _grid("inside", inside, None))})
 
     @property
-    def inside(self) -> Flags:
+    def inside(self) -> _Flags:
         """Whether each pixel belongs to it, (rows, columns)."""
         import numpy as np
 
-        array: Flags = self._array("inside").view(np.bool_)
+        array: _Flags = self._array("inside").view(np.bool_)
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
@@ -707,9 +710,9 @@ class Labels(Value):
             warnings.warn(f"{words}: components are numbered in the order of rows", stacklevel=2)
 
     @property
-    def label(self) -> Indices:
+    def label(self) -> _Indices:
         """The component of each pixel, (rows, columns); 0 where there is none."""
-        array: Indices = self._array("label")
+        array: _Indices = self._array("label")
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
@@ -767,23 +770,23 @@ class RangeImage(Value):
         return fx, fy, cx, cy
 
     @property
-    def points(self) -> Floats:
+    def points(self) -> _Floats:
         """Places, (rows, columns, 3), in mm; NaN where there is none."""
-        array: Floats = self._array("point")
+        array: _Floats = self._array("point")
         return array
 
     @property
-    def color(self) -> Optional[Bytes]:
+    def color(self) -> Optional[_Bytes]:
         """Colors, (rows, columns, 3), sRGB from 0 to 255; None if there are none."""
-        array: Optional[Bytes] = self._array_if_any("color")
+        array: Optional[_Bytes] = self._array_if_any("color")
         return array
 
     @property
-    def filled(self) -> Flags:
+    def filled(self) -> _Flags:
         """Which cells were filled and not seen, (rows, columns)."""
         import numpy as np
 
-        array: Flags = self._array("filled").view(np.bool_)
+        array: _Flags = self._array("filled").view(np.bool_)
         return array
 
 
@@ -794,15 +797,15 @@ class Region(Value):
     KIND = "Region"
 
     @property
-    def points(self) -> Floats:
+    def points(self) -> _Floats:
         """The places of its cells, (n, 3), in mm."""
-        array: Floats = self._array("point")
+        array: _Floats = self._array("point")
         return array
 
     @property
-    def cells(self) -> Indices:
+    def cells(self) -> _Indices:
         """The numbers of its cells in the range image, row by row, (n,)."""
-        array: Indices = self._array("cell")
+        array: _Indices = self._array("cell")
         return array
 
 
@@ -829,15 +832,15 @@ class Curve(Value):
         self._make(parts, {"closed": closed, **({} if knots is None else {"degree of knots": degree})})
 
     @property
-    def points(self) -> Floats:
+    def points(self) -> _Floats:
         """Its points, or its control points, (n, 3), in mm."""
-        array: Floats = self._array("point")
+        array: _Floats = self._array("point")
         return array
 
     @property
-    def knots(self) -> Optional[Floats]:
+    def knots(self) -> Optional[_Floats]:
         """The knots of a B-spline; None for a line through its points."""
-        array: Optional[Floats] = self._array_if_any("knots")
+        array: Optional[_Floats] = self._array_if_any("knots")
         return array
 
 
@@ -847,15 +850,15 @@ class _Net(Value):
     __slots__ = ()
 
     @property
-    def points(self) -> Floats:
+    def points(self) -> _Floats:
         """Its control points, (rows, columns, 3), in mm."""
-        array: Floats = self._array("point").reshape(*self.facts["control points"], 3)
+        array: _Floats = self._array("point").reshape(*self.facts["control points"], 3)
         return array
 
     @property
-    def weights(self) -> Floats:
+    def weights(self) -> _Floats:
         """Their weights, (rows, columns)."""
-        array: Floats = self._array("weight").reshape(self.facts["control points"])
+        array: _Floats = self._array("weight").reshape(self.facts["control points"])
         return array
 
 
@@ -895,7 +898,7 @@ class Surface(_Net):
         self._make(parts, {**facts, "degree of knots u": degree[0], "degree of knots v": degree[1]})
 
     @property
-    def knots(self) -> Tuple[Floats, Floats]:
+    def knots(self) -> Tuple[_Floats, _Floats]:
         """The knots along u and along v."""
         return self._array("knots u"), self._array("knots v")
 
@@ -910,9 +913,9 @@ class KnotVector(Value):
         self._make({"knots": ("entry", _row("knots", knots))}, {"degree of knots": degree})
 
     @property
-    def knots(self) -> Floats:
+    def knots(self) -> _Floats:
         """The knots, (n,)."""
-        array: Floats = self._array("knots")
+        array: _Floats = self._array("knots")
         return array
 
 
@@ -944,15 +947,15 @@ class Handles(Value):
         self._make(parts, {"space": space})
 
     @property
-    def at(self) -> Floats:
+    def at(self) -> _Floats:
         """Where they are, (n, 3)."""
-        array: Floats = self._array("at")
+        array: _Floats = self._array("at")
         return array
 
     @property
-    def to(self) -> Floats:
+    def to(self) -> _Floats:
         """Where they are moved, (n, 3)."""
-        array: Floats = self._array("to")
+        array: _Floats = self._array("to")
         return array
 
 
@@ -970,9 +973,9 @@ class Direction(Value):
         self._make({"direction": ("whole", vector / length if length > 0 else vector)})
 
     @property
-    def vector(self) -> Floats:
+    def vector(self) -> _Floats:
         """The direction, (3,), of length 1."""
-        array: Floats = self._array("direction").reshape(3)
+        array: _Floats = self._array("direction").reshape(3)
         return array
 
 
@@ -989,15 +992,15 @@ class Trace(Value):
         return array
 
     @property
-    def max(self) -> Floats:
+    def max(self) -> _Floats:
         """The largest distance after each step, (n,), in mm."""
-        array: Floats = self._array("max")
+        array: _Floats = self._array("max")
         return array
 
     @property
-    def rms(self) -> Floats:
+    def rms(self) -> _Floats:
         """The root of the mean square of distances after each step, (n,), in mm."""
-        array: Floats = self._array("rms")
+        array: _Floats = self._array("rms")
         return array
 
 
@@ -1105,11 +1108,11 @@ def _grid(name: str, given: Any, missing: Optional[float]) -> NDArray[Any]:
     return array
 
 
-def _row(name: str, given: Any) -> Floats:
+def _row(name: str, given: Any) -> _Floats:
     return _arrays.reals(name, given, (None,), "(n,)")
 
 
-def _unprojected(depth: NDArray[Any], camera: Optional[Floats]) -> Floats:
+def _unprojected(depth: NDArray[Any], camera: Optional[_Floats]) -> _Floats:
     """The points at these depths, which a camera saw."""
     import numpy as np
 
@@ -1136,7 +1139,7 @@ def _net(points: ArrayLike, weights: Optional[ArrayLike]) -> Tuple[Dict[str, Any
     return parts, {"control points": (points.shape[0], points.shape[1])}
 
 
-def _clamped(points: int, degree: int) -> Floats:
+def _clamped(points: int, degree: int) -> _Floats:
     """Knots from 0 to 1, equally spaced inside, each end repeated."""
     import numpy as np
 
