@@ -159,25 +159,17 @@ impl Session {
         Ok(Self { settings, host })
     }
 
-    /// Why results are not kept on disk, though they should be.
-    fn trouble(&self, py: Python<'_>) -> PyResult<Option<String>> {
+    /// What went wrong with keeping and sharing results so far; nothing while a run is under way, which nobody is to wait for.
+    fn troubles(&self) -> PyResult<Vec<String>> {
         let host = self.host()?;
-        Ok(py.detach(|| host.with(|session| session.trouble().map(str::to_owned))))
-    }
-
-    /// What went wrong with keeping and sharing results so far.
-    fn troubles(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        let host = self.host()?;
-        Ok(py.detach(|| {
-            host.with(|session| {
-                let mut troubles = session.troubles();
-                // It says the same of results that were to be written.
-                if session.troubles().is_empty() {
-                    troubles.extend(session.trouble().map(str::to_owned));
-                }
-                troubles
-            })
-        }))
+        let Some(Ok(session)) = host.session.as_ref().map(Mutex::try_lock) else {
+            return Ok(Vec::new());
+        };
+        let troubles = session.troubles();
+        Ok(match troubles.is_empty() {
+            true => Vec::from_iter(session.trouble().map(str::to_owned)),
+            false => troubles,
+        })
     }
 
     /// Why a node would run, or why not.

@@ -7,8 +7,8 @@ use std::sync::OnceLock;
 use maquette::render::{Kind, Look, Projection, View, picture};
 use maquette::value::{FactValue, Items, Meaning, Mesh, On, Parts};
 use maquette::{AnyValue, Error, NewFile, Tolerance, ValueType, compare};
-use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
+use numpy::{PyArrayDescrMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
@@ -143,6 +143,7 @@ impl Value {
         let projection = flat[usize::from(orthographic)];
         let kind = if size.is_some() { Kind::Fitted } else { Kind::Own };
         let size = size.unwrap_or(View::front().size);
+        check_room(size[0].saturating_mul(size[1]).saturating_mul(BYTES_PER_PIXEL))?;
         let view = View { size, yaw, pitch, zoom, projection, aim: None };
         let look = Look { view, kind, below: None };
         let value = self.value.clone();
@@ -238,6 +239,15 @@ fn dict<'py>(
     Ok(dict)
 }
 
+/// What a pixel of a picture takes while it is drawn: its color and its depth.
+const BYTES_PER_PIXEL: usize = 4;
+
+/// Raises MemoryError if there is no room for so many bytes, where asking for them would end the process.
+fn check_room(bytes: usize) -> PyResult<()> {
+    let tried = Vec::<u8>::new().try_reserve_exact(bytes);
+    tried.map_err(|_| PyMemoryError::new_err(format!("there is no room for {bytes} bytes")))
+}
+
 /// The type of values of this name.
 pub(crate) fn kind_of(name: &str) -> PyResult<&'static ValueType> {
     let unknown = || PyValueError::new_err(format!("there is no type of values `{name}`"));
@@ -256,6 +266,8 @@ pub(crate) fn make(
     let kind = kind_of(kind)?;
     let arrays = columns.iter().map(|(.., array)| Array::of(array));
     let arrays = arrays.collect::<PyResult<Vec<_>>>()?;
+    let bytes = columns.iter().map(|(.., array)| array.len() * array.dtype().itemsize());
+    check_room(bytes.sum::<usize>().saturating_mul(2))?;
     let mut parts = Parts { row, ..Parts::default() };
     for ((name, on, meaning, width, _), array) in columns.iter().zip(&arrays) {
         let on = On::named(on).map_err(PyValueError::new_err)?;

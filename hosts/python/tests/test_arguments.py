@@ -188,3 +188,26 @@ def test_a_text_that_is_not_valid_unicode_is_refused_by_the_name_of_its_paramete
             graph.run(**{name: value})
         with pytest.raises(ValueError, match=f"`{name}` is .*not valid Unicode"):
             graph.edited(**{name: value})
+
+
+def test_what_there_is_no_room_for_is_a_memory_error() -> None:
+    script = """
+        import resource
+        import numpy as np
+        import maquette
+
+        mesh = maquette.Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2]])
+        array = np.zeros((5_000_000, 3))
+        mesh.render(size=(8, 8)), maquette.Points(mesh.vertices)
+        held = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (held + (100 << 20), held + (100 << 20)))
+        for call in (lambda: mesh.render(size=(16384, 16384)), lambda: maquette.Points(array), lambda: maquette.RangeImage(array.reshape(1000, 5000, 3))):
+            try:
+                call()
+            except MemoryError as error:
+                print("MemoryError")
+        print(mesh.render(size=(8, 8)).pixels.shape)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.splitlines() == ["MemoryError"] * 3 + ["(8, 8, 3)"]

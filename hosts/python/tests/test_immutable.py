@@ -73,7 +73,7 @@ def through_the_base(array: Array) -> None:
 
 
 def through_dlpack(array: Array) -> None:
-    if array.dtype != np.bool_:
+    if array.dtype != np.bool_ and hasattr(np, "from_dlpack"):
         try:
             through_a_pointer(np.from_dlpack(array))
         except BufferError:

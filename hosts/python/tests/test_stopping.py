@@ -98,6 +98,20 @@ def test_runs_side_by_side_are_stopped_one_by_one(graph: maquette.Graph) -> None
         two.result(SOON)
 
 
+def test_a_run_does_not_wait_for_one_that_began_later(graph: maquette.Graph) -> None:
+    later: "list[maquette.Running]" = []
+
+    def begin(progress: maquette.Progress) -> None:
+        if not later:
+            later.append(graph.start(levels=LONG))
+            time.sleep(AFTER)
+
+    start = time.monotonic()
+    assert graph.run(levels=1, progress=begin)["s.ply"] and graph.trouble is None
+    assert time.monotonic() - start < SOON and not later[0].done()
+    later[0].cancel()
+
+
 def test_asyncio_stops_a_run(graph: maquette.Graph) -> None:
     async def work() -> float:
         assert (await graph.start(levels=1))["s.ply"]

@@ -139,7 +139,9 @@ def singles(name: str, given: Any) -> NDArray[np.float32]:
     if array.dtype.itemsize <= 2 or array.dtype == np.float32:
         return single
     if array.dtype.kind == "f":
-        wrong = (single != array) & (array == array)
+        wrong = single != array
+        if wrong.any():
+            wrong &= array == array
     else:
         wrong = (single != array.astype(np.float64)) | (array > _MAX_EXACT) | (array < -_MAX_EXACT)
     if not wrong.any():
