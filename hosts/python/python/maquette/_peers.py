@@ -119,10 +119,10 @@ def _add_all(parts: _Parts, on: str, arrays: Mapping[str, Any], skip: Any = ()) 
         _add(parts, on, known, arrays[name], opaque=known == "color")
 
 
-def _rest(mesh: Mesh, skip: Any = ()) -> List[Part]:
+def _rest(mesh: Mesh) -> List[Part]:
     """What of a mesh is neither vertices, faces, their attributes nor its picture."""
-    others = [mesh.parts[name] for name in mesh.parts if name not in ("texture", "texture size", "corner uv", *skip)]
-    return [part for part in others if part.on in ("whole", "edge")]
+    of_elements = {name for on in ("vertex", "corner", "face", "texel") for name in mesh._columns.names_on(on)}
+    return [mesh.parts[name] for name in mesh.parts if name not in of_elements and name != "texture size"]
 
 
 # trimesh
@@ -214,7 +214,7 @@ def _of_trimesh(theirs: Any) -> _Parts:
             vertices, faces = merged
     lost = []
     for part in (Part(*it) for it in kept.get("parts", ())):
-        if part.on in ("whole", "texel") or is_same:
+        if part.on not in ("corner", "edge") or is_same:
             parts.setdefault(part.name, part)
         else:
             lost.append(part.name)
