@@ -86,7 +86,7 @@ impl Observer for () {}
 
 /// Evaluates graphs and remembers results between evaluations.
 pub struct Evaluator {
-    pool: rayon::ThreadPool,
+    pool: Arc<rayon::ThreadPool>,
     cache: Cache,
     /// How many bytes results and nodes under way may hold together; none for a share of what the machine has left.
     most: Option<u64>,
@@ -127,6 +127,16 @@ impl ThreadsError {
             ))),
         }
     }
+}
+
+/// Starts threads for evaluators: this many, 0 for as many as the machine has.
+///
+/// # Errors
+/// If they cannot be started, or are too many.
+pub fn start_threads(threads: usize) -> Result<Arc<rayon::ThreadPool>, ThreadsError> {
+    ThreadsError::judge(threads)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map(Arc::new).map_err(|error| ThreadsError(error.to_string()))
 }
 
 /// The result of one evaluation.
@@ -319,14 +329,16 @@ impl Evaluator {
     /// # Errors
     /// If the threads cannot be started, or are too many.
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
-        ThreadsError::judge(threads)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
+        Ok(Self::on(start_threads(threads)?, memory))
+    }
+
+    /// An evaluator on threads that others may use, too.
+    pub fn on(pool: Arc<rayon::ThreadPool>, memory: usize) -> Self {
         let (cache, files, guards) = (Cache::new(memory), Known::default(), Guards::default());
         let (disk, last) = (None, None);
         let (keeps, owes, fresh) = (true, false, false);
         let staged = stage::Staged::new();
-        Ok(Self {
+        Self {
             pool,
             cache,
             most: None,
@@ -340,7 +352,7 @@ impl Evaluator {
             fresh,
             verify: 0.0,
             verified: Mutex::default(),
-        })
+        }
     }
 
     /// The same, with results kept on disk from one process to the next.

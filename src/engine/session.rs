@@ -14,7 +14,8 @@ use maquette_syntax::{unknown, with_article};
 use maquette_value::{AnyValue, Value};
 
 use crate::eval::Remembered;
-use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
+use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace};
+use crate::eval::{explanation, start_threads};
 use crate::expect;
 use crate::expect::Violation;
 
@@ -29,7 +30,7 @@ mod verdicts;
 
 pub use made::ReadFiles;
 pub use outputs::Left;
-pub use outputs::{OutputFolder, Written, save};
+pub use outputs::{OutputFolder, SaveError, Written, save};
 pub use pins::{PinError, means, pinnable, unpin};
 pub use provenance::{Teller, sign};
 pub use settings::{CacheFolder, CacheServer, SessionError, Settings};
@@ -112,7 +113,19 @@ impl Session {
     /// # Errors
     /// Those of [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
-        let (evaluator, disk_warning) = settings.evaluator(&catalog)?;
+        Self::on(start_threads(settings.threads)?, catalog, settings)
+    }
+
+    /// The same on threads that others use, too: [`Settings::threads`] does not count.
+    ///
+    /// # Errors
+    /// If the folder that was named for results cannot be used.
+    pub fn on(
+        threads: Arc<rayon::ThreadPool>,
+        catalog: Arc<Catalog>,
+        settings: &Settings,
+    ) -> Result<Self, SessionError> {
+        let (evaluator, disk_warning) = settings.evaluator(&catalog, threads)?;
         let most = settings.max_memory.and_then(|most| usize::try_from(most).ok());
         let memory = settings.memory.min(most.unwrap_or(usize::MAX));
         Ok(Self { catalog, evaluator, memory, disk_warning, known: elements::Known::new() })
@@ -259,18 +272,20 @@ impl Session {
         Ok(Produced { evaluation, written, complete, may_pass, problems })
     }
 
-    /// Writes the outputs of a run to a folder: each file whole or not at all. Gives the files, and what could not be written.
+    /// Writes outputs of a run, all if none is named, to a folder: each file whole or not at all. Gives the files, and what could not be
+    /// written. Names that the graph does not have count for nothing.
     pub fn write(
         &self,
         finished: &Finished,
+        only: &[String],
         folder: &OutputFolder,
+        cancel: &CancelToken,
     ) -> (Vec<Written>, Vec<Problem>) {
-        let outputs = Vec::from_iter(finished.graph.outputs());
-        let cancel = CancelToken::default();
+        let outputs = outputs_of(&finished.graph, only).unwrap_or_default();
         let Finished { graph, evaluation, .. } = finished;
         let (catalog, evaluator) = (&self.catalog, &self.evaluator);
         let (written, unwritten, _) =
-            folder.write(&outputs, evaluation, graph, catalog, evaluator, &cancel);
+            folder.write(&outputs, evaluation, graph, catalog, evaluator, cancel);
         (written, unwritten)
     }
 

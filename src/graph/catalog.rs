@@ -261,6 +261,12 @@ impl Catalog {
         }
     }
 
+    /// What of a value the file of this name cannot tell, or what its readers will stumble over: a warning for each.
+    pub fn doubts(&self, value: &AnyValue, name: &str) -> Vec<String> {
+        let format = self.format(value.kind(), &ending(name.as_ref()));
+        format.map_or_else(Vec::new, |format| format.doubts(value))
+    }
+
     /// The value in a file, and the doubts of its reader: of this type if one is named, else of that which the file's ending and content
     /// mean. Files that it names, as materials are of an OBJ file, are read with it if they lie in its project.
     ///

@@ -72,11 +72,11 @@ pub use maquette_edit::{Edit, Edited, Extracted, Extraction, Merge, Put};
 pub use maquette_engine::Exchange;
 pub use maquette_engine::eval::{
     Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
-    ThreadsError, Usage,
+    ThreadsError, Usage, start_threads,
 };
 pub use maquette_engine::session::{
-    CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, Session, SessionError,
-    Settings, Wanted, Written, save,
+    CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, SaveError, Session,
+    SessionError, Settings, Wanted, Written, save,
 };
 pub use maquette_format as format;
 pub use maquette_golden::conformance;

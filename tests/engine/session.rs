@@ -86,7 +86,7 @@ fn files_become_inputs_and_outputs_become_files() {
     let run = session.run(&feature, &Run { inputs, ..Run::default() }).unwrap();
     assert!(run.problems().is_empty(), "{:?}", run.problems());
     let into = OutputFolder::new(Some(folder.path()), Path::new("feature.ron"));
-    let (written, problems) = session.write(&run, &into);
+    let (written, problems) = session.write(&run, &[], &into, &CancelToken::default());
     assert!(problems.is_empty());
     let names = written.iter().map(|file| file.path.file_name().unwrap().to_str().unwrap());
     assert_eq!(Vec::from_iter(names), ["range.pcd", "region.ply"]);

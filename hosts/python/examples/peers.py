@@ -112,9 +112,9 @@ def compared(ours: Any, theirs: Any) -> str:
 
 
 def nearest(points: Array, to: Array) -> Array:
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    distances: Array = cKDTree(to).query(points)[0]
+    distances: Array = KDTree(to).query(points)[0]
     return distances
 
 
@@ -206,7 +206,7 @@ def interpolation() -> Row:
         beta = (0.625 - (0.375 + 0.25 * np.cos(2 * np.pi / valence)) ** 2) / valence
         weight = 3 / (8 * beta)
         limit = diags(1 / (weight + valence)) @ (diags(weight) + near)
-        return splu(limit.tocsc()).solve(vertices), None
+        return splu(csc_matrix(limit)).solve(vertices), None
 
     return Row(
         f"control mesh through {len(vertices)} vertices (Loop)",

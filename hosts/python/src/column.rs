@@ -1,7 +1,7 @@
 //! Columns of a value as arrays of NumPy, which lie where the value has them.
 
 use maquette::AnyValue;
-use maquette::value::{Items, On, Part};
+use maquette::value::{Items, Meaning, On, Part};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -33,7 +33,10 @@ enum Holder {
 impl Column {
     /// A column of a value, whose pixels come in rows of so many. What the value has side by side is not copied.
     pub(crate) fn of(value: &AnyValue, part: &Part<'_>, row: Option<usize>) -> Self {
-        let (kind, address) = place(&part.items);
+        let (mut kind, address) = place(&part.items);
+        if is_flags(part) {
+            kind = "|b1";
+        }
         let (address, holder) = match is_borrowed(&part.items) {
             // It lies in what `value` shares, which is as long as anyone shares it, and values never change.
             true => (address, Holder::Value { _value: value.clone() }),
@@ -56,9 +59,9 @@ impl Column {
     }
 
     /// A column that belongs to no value, of so many numbers an element.
-    pub(crate) fn list(name: &str, items: Vec<u32>, width: usize) -> Self {
+    pub(crate) fn list(name: &str, items: impl Into<Items<'static>>, width: usize) -> Self {
+        let items = items.into();
         let shape = if width == 1 { vec![items.len()] } else { vec![items.len() / width, width] };
-        let items = Items::from(items);
         let (kind, address) = place(&items);
         let holder = Holder::List { _items: items };
         let (name, on, meaning) = (name.to_owned(), "entry", "index");
@@ -78,6 +81,12 @@ impl Column {
         interface.set_item("data", (self.address, is_read_only))?;
         Ok(interface)
     }
+}
+
+/// Returns true if the numbers are false and true. Aside of a value are bytes of bits, too.
+fn is_flags(part: &Part<'_>) -> bool {
+    let is_exact = part.meaning == Meaning::Exact && !part.aside;
+    is_exact && matches!(part.items, Items::U8(_))
 }
 
 /// How NumPy calls the numbers, and where they begin.

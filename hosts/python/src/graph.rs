@@ -26,6 +26,7 @@ type Loaded<'py> = (Option<Graph>, Bound<'py, PyList>, Vec<PathBuf>);
 impl Graph {
     /// Reads and checks a graph. `texts` stand in place of files, by path.
     #[staticmethod]
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn load<'py>(
         py: Python<'py>,
         path: PathBuf,
@@ -33,9 +34,11 @@ impl Graph {
         set: Vec<(String, String)>,
         texts: HashMap<PathBuf, String>,
         draft: bool,
+        pins: bool,
+        locked: bool,
     ) -> PyResult<Loaded<'py>> {
         let texts = texts.into_iter().collect();
-        let options = Options { roots, set, texts, draft, pins: true, ..Options::default() };
+        let options = Options { roots, set, texts, draft, pins, locked, ..Options::default() };
         let checked =
             on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options).as_far_as_known())?;
         let problems = plain::problems(py, &checked.problems)?;

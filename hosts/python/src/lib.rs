@@ -34,7 +34,7 @@ fn catalog(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 #[pyfunction]
 fn read(py: Python<'_>, path: PathBuf, kind: Option<&str>) -> PyResult<(Value, Vec<String>)> {
     let kind = kind.map(value::kind_of).transpose()?;
-    let read = workers::on_threads(py, || CATALOG.read(&path, kind))?;
+    let read = workers::until_signal(py, move || CATALOG.read(&path, kind))?;
     read.map(|(value, doubts)| (Value::new(value), doubts)).map_err(PyValueError::new_err)
 }
 
@@ -54,9 +54,13 @@ mod _maquette {
     #[pymodule_export]
     use super::run::Finished;
     #[pymodule_export]
-    use super::session::{Session, finish_all};
+    use super::session::{Cancel, Session, finish_all};
     #[pymodule_export]
     use super::value::{Value, make};
     #[pymodule_export]
     use super::{catalog, command_line, read};
+
+    /// The version of the engine.
+    #[pymodule_export]
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
 }

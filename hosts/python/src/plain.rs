@@ -67,11 +67,45 @@ fn to_json_at(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Json> {
     Ok(Json::Array(items.collect::<PyResult<_>>()?))
 }
 
+/// Words of the command line in messages of runs, and what they are here.
+const WORDS: [(&str, &str); 7] = [
+    ("--out chooses another folder", "`write(folder)` chooses another folder"),
+    ("--cache chooses another folder", "`load(cache=..)` chooses another folder"),
+    ("--cache-remote", "`cache_remote`"),
+    ("ask for less at a time (--only)", "ask for less at a time, by `run(outputs)`"),
+    ("or allow more (--max-memory)", "or allow more by `load(max_memory=..)`"),
+    ("; --set changes parameters", "; `run(name=value)` changes parameters"),
+    ("--set ", ""),
+];
+
+/// The same in messages of the check, whose parts are those of `maquette check --json`; only the whole text says it otherwise.
+const WORDS_OF_CHECK: [(&str, &str); 3] = [
+    ("--out chooses the folder", "`write(folder)` chooses the folder"),
+    ("or allow its folder with --root", "or allow its folder by `load(roots=..)`"),
+    ("`maquette run --input ", "`run(inputs=..)`, or `maquette run --input "),
+];
+
+/// A text with words of the module in place of those of the command line.
+fn reworded(text: &str, words: &[(&str, &str)]) -> String {
+    words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
+}
+
+/// The same for all texts of a problem.
+fn say_in_python(json: &mut Json) {
+    match json {
+        Json::String(text) if text.contains("--") => *text = reworded(text, &WORDS),
+        Json::Array(items) => items.iter_mut().for_each(say_in_python),
+        Json::Object(entries) => entries.values_mut().for_each(say_in_python),
+        _ => {}
+    }
+}
+
 /// Problems as dicts: what `--json` prints of them, and `text`, as a terminal shows them.
 pub(crate) fn problems<'py>(py: Python<'py>, problems: &[Problem]) -> PyResult<Bound<'py, PyList>> {
     let dict = |problem: &Problem| {
         let mut json = problem.to_json();
-        json["text"] = problem.to_text(false).into();
+        json["text"] = reworded(&problem.to_text(false), &WORDS_OF_CHECK).into();
+        say_in_python(&mut json);
         from_json(py, &json)
     };
     PyList::new(py, problems.iter().map(dict).collect::<PyResult<Vec<_>>>()?)

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use maquette::{OutputFolder, Written};
+use maquette::{CancelToken, OutputFolder, Written};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -12,17 +12,18 @@ use serde_json::Value as Json;
 use crate::plain;
 use crate::session::Host;
 use crate::value::Value;
+use crate::workers::on_a_thread;
 
 /// What a run gave.
 #[pyclass(frozen)]
 pub(crate) struct Finished {
-    found: maquette::Finished,
+    found: Arc<maquette::Finished>,
     host: Arc<Host>,
 }
 
 impl Finished {
     pub(crate) fn new(found: maquette::Finished, host: Arc<Host>) -> Self {
-        Self { found, host }
+        Self { found: Arc::new(found), host }
     }
 }
 
@@ -44,14 +45,18 @@ impl Finished {
         plain::problems(py, &self.found.problems())
     }
 
-    /// Writes the outputs to a folder, by default that of the graph's drafts or final results. Returns the files, and what could not be
-    /// written.
+    /// Writes outputs, all if none is named, to a folder, by default that of the graph's drafts or final results. `signs`: whether files
+    /// tell where they came from. `kept`: files that are not replaced. Returns the files, and what could not be written.
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn write<'py>(
         &self,
         py: Python<'py>,
         folder: Option<PathBuf>,
         graph: PathBuf,
         draft: bool,
+        only: Vec<String>,
+        signs: bool,
+        kept: Vec<PathBuf>,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyList>)> {
         let folder = if draft { OutputFolder::of_draft } else { OutputFolder::new }(
             folder.as_deref(),
@@ -62,8 +67,14 @@ impl Finished {
                 "a run of the parent process cannot be written by a child",
             ));
         }
-        let write = || self.host.with(|session| session.write(&self.found, &folder));
-        let (written, problems) = py.detach(write);
+        let folder = folder.keeping(kept.iter().map(|path| &**path));
+        let folder = if signs { folder } else { folder.without_provenance() };
+        let cancel = CancelToken::default();
+        let (host, found, token) = (self.host.clone(), self.found.clone(), cancel.clone());
+        let done = on_a_thread(py, move || {
+            host.with(|session| session.write(&found, &only, &folder, &token))
+        });
+        let (written, problems) = done.inspect_err(|_| cancel.cancel())?;
         let written = Json::Array(written.iter().map(Written::to_json).collect());
         Ok((plain::from_json(py, &written)?, plain::problems(py, &problems)?))
     }

@@ -6,19 +6,18 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
-use maquette::{CacheFolder, CancelToken, Observer, Problem, Run, Settings, State, Wanted};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use maquette::{
+    CacheFolder, CacheServer, CancelToken, Observer, Problem, Run, Settings, State, Wanted,
+};
+use pyo3::exceptions::{PyRuntimeError, PyTimeoutError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
 use crate::graph::Graph;
 use crate::run::Finished;
 use crate::value::Value;
-use crate::workers::lock;
+use crate::workers::{LOOK, lock, of_graphs};
 use crate::{CATALOG, plain};
-
-/// How often the caller looks for signals while a graph runs.
-const LOOK: Duration = Duration::from_millis(20);
 
 /// How long an interrupted run may take to stop before the caller goes on without it.
 const PATIENCE: Duration = Duration::from_millis(80);
@@ -32,7 +31,8 @@ pub(crate) struct Host {
 
 impl Host {
     fn new(settings: &Settings) -> PyResult<Arc<Self>> {
-        let session = maquette::Session::with_catalog(CATALOG.clone(), settings);
+        let threads = of_graphs(settings.threads)?;
+        let session = maquette::Session::on(threads, CATALOG.clone(), settings);
         let session = session.map_err(|error| PyValueError::new_err(error.to_string()))?;
         let host =
             Arc::new(Self { process: std::process::id(), session: Some(Mutex::new(session)) });
@@ -72,18 +72,44 @@ impl Drop for Host {
 /// All hosts. Locked only by who holds the interpreter's lock, so that no child is made meanwhile.
 static HOSTS: Mutex<Vec<Weak<Host>>> = Mutex::new(Vec::new());
 
-/// Waits until all results that are worth it are on disk.
+/// Waits until all results that are worth it are on disk, and gives what went wrong with it.
 #[pyfunction]
-pub(crate) fn finish_all(py: Python<'_>) {
+pub(crate) fn finish_all(py: Python<'_>) -> Vec<String> {
     let hosts = Vec::from_iter(lock(&HOSTS).iter().filter_map(Weak::upgrade));
     py.detach(|| {
+        let mut troubles = Vec::new();
         for session in hosts.iter().filter(|host| host.is_of_this_process()) {
             // One that still runs was left alone by who asked for it.
             if let Some(Ok(session)) = session.session.as_ref().map(Mutex::try_lock) {
                 session.finish();
+                troubles.extend(session.troubles());
             }
         }
-    });
+        troubles
+    })
+}
+
+/// Stops runs: each that was given it.
+#[pyclass(frozen)]
+pub(crate) struct Cancel(CancelToken);
+
+#[pymethods]
+impl Cancel {
+    #[new]
+    fn new() -> Self {
+        Self(CancelToken::default())
+    }
+
+    /// Stops them.
+    fn cancel(&self) {
+        self.0.cancel();
+    }
+
+    /// Whether somebody did.
+    #[getter]
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
 }
 
 /// What runs graphs and remembers results.
@@ -107,20 +133,24 @@ impl Session {
 #[pymethods]
 impl Session {
     /// `cache`: a folder, empty for none, None for that of the command line.
-    /// `max_memory`: what results and nodes under way may hold together.
+    /// `max_memory`: what results and nodes under way may hold together. `server`: the address through which machines share results, None
+    /// for that of the command line. `verify`: the share of known results that are computed all the same.
     #[new]
     fn new(
         cache: Option<PathBuf>,
         memory: &str,
         threads: usize,
         max_memory: Option<&str>,
+        server: Option<String>,
+        verify: f64,
     ) -> PyResult<Self> {
         let cache = match cache {
             None => CacheFolder::Default,
             Some(folder) if folder.as_os_str().is_empty() => CacheFolder::None,
             Some(folder) => CacheFolder::At(folder),
         };
-        let settings = Settings { cache, threads, ..Settings::default() };
+        let server = server.map_or(CacheServer::Default, CacheServer::At);
+        let settings = Settings { cache, threads, server, verify, ..Settings::default() };
         let mut settings = settings.with_memory(memory).map_err(PyValueError::new_err)?;
         if let Some(most) = max_memory {
             settings = settings.with_max_memory(most).map_err(PyValueError::new_err)?;
@@ -129,10 +159,17 @@ impl Session {
         Ok(Self { settings, host })
     }
 
-    /// Why results are not kept on disk, though they should be.
-    fn trouble(&self, py: Python<'_>) -> PyResult<Option<String>> {
+    /// What went wrong with keeping and sharing results so far; nothing while a run is under way, which nobody is to wait for.
+    fn troubles(&self) -> PyResult<Vec<String>> {
         let host = self.host()?;
-        Ok(py.detach(|| host.with(|session| session.trouble().map(str::to_owned))))
+        let Some(Ok(session)) = host.session.as_ref().map(Mutex::try_lock) else {
+            return Ok(Vec::new());
+        };
+        let troubles = session.troubles();
+        Ok(match troubles.is_empty() {
+            true => Vec::from_iter(session.trouble().map(str::to_owned)),
+            false => troubles,
+        })
     }
 
     /// Why a node would run, or why not.
@@ -169,9 +206,10 @@ impl Session {
     }
 
     /// Evaluates a graph on a thread of its own. `outputs`: whether all outputs are wanted; `nodes`: what is wanted beside them. `told` is
-    /// called with (what happened, node, number).
+    /// called with (what happened, node, number). `timeout`: how many seconds it may take.
     ///
-    /// Gives what was found, or the problems for which nothing was run.
+    /// Gives what was found, or the problems for which nothing was run; neither if it was cancelled.
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -180,7 +218,12 @@ impl Session {
         nodes: Vec<String>,
         inputs: HashMap<String, PyRef<'py, Value>>,
         told: Option<Bound<'py, PyAny>>,
+        cancel: &Cancel,
+        timeout: Option<f64>,
     ) -> PyResult<Told<'py, Finished>> {
+        let end = timeout.and_then(|seconds| {
+            Instant::now().checked_add(Duration::try_from_secs_f64(seconds).ok()?)
+        });
         let host = self.host()?;
         let wanted = match (outputs, nodes.is_empty()) {
             (true, true) => Wanted::Outputs,
@@ -189,7 +232,7 @@ impl Session {
         };
         let inputs = inputs.into_iter().map(|(name, value)| (name, value.any().clone())).collect();
         let (news, heard) = channel();
-        let cancel = CancelToken::default();
+        let cancel = cancel.0.clone();
         let job = Job { news, told: told.is_some(), last: Mutex::new(Instant::now()) };
         std::thread::Builder::new().name("maquette".into()).spawn({
             let (host, graph, cancel) = (host.clone(), graph.graph.clone(), cancel.clone());
@@ -202,13 +245,14 @@ impl Session {
                 let _ = job.news.send(News::Done(Box::new(found)));
             }
         })?;
-        match listen(py, &Mutex::new(heard), told.as_ref()) {
+        match listen(py, &Mutex::new(heard), told.as_ref(), &cancel, end) {
+            Ok(_) if cancel.is_cancelled() => Ok((None, PyList::empty(py))),
             Ok(Ok(found)) => Ok((Some(Finished::new(found, host)), PyList::empty(py))),
             Ok(Err(problems)) => Ok((None, plain::problems(py, &problems)?)),
             Err(Stopped { error, heard }) => {
                 cancel.cancel();
                 py.detach(|| wait(heard));
-                Err(error)
+                error.map_or_else(|| Ok((None, PyList::empty(py))), Err)
             }
         }
     }
@@ -225,19 +269,24 @@ enum News {
 
 /// Why nobody listens any more.
 struct Stopped<'a> {
-    error: PyErr,
+    /// None if the run was cancelled.
+    error: Option<PyErr>,
     heard: &'a Mutex<Receiver<News>>,
 }
 
-/// Listens until the run is done, a signal has come, or the one who is told raises.
+/// Listens until the run is done or cancelled, the time is over, a signal has come, or the one who is told raises.
 fn listen<'a>(
     py: Python<'_>,
     heard: &'a Mutex<Receiver<News>>,
     told: Option<&Bound<'_, PyAny>>,
+    cancel: &CancelToken,
+    end: Option<Instant>,
 ) -> Result<Result<maquette::Finished, Vec<Problem>>, Stopped<'a>> {
-    let stopped = |error| Stopped { error, heard };
+    let stopped = |error| Stopped { error: Some(error), heard };
     loop {
-        match py.detach(|| lock(heard).recv_timeout(LOOK)) {
+        let left = end.map(|end| end.saturating_duration_since(Instant::now()));
+        let wait = left.map_or(LOOK, |left| left.min(LOOK));
+        match py.detach(|| lock(heard).recv_timeout(wait)) {
             Ok(News::Done(found)) => return Ok(*found),
             Ok(News::Told(what, node, number)) => {
                 if let Some(told) = told {
@@ -252,6 +301,12 @@ fn listen<'a>(
             }
         }
         py.check_signals().map_err(stopped)?;
+        if cancel.is_cancelled() {
+            return Err(Stopped { error: None, heard });
+        }
+        if left.is_some_and(|left| left.is_zero()) {
+            return Err(stopped(PyTimeoutError::new_err("the run took longer than its timeout")));
+        }
     }
 }
 

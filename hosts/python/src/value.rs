@@ -1,18 +1,19 @@
 //! Values: what they are made of, files of them, and pictures.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use maquette::render::{Kind, Look, Projection, View, picture};
 use maquette::value::{FactValue, Items, Meaning, Mesh, On, Parts};
-use maquette::{AnyValue, ValueType};
-use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
+use maquette::{AnyValue, Error, NewFile, Tolerance, ValueType, compare};
+use numpy::{PyArrayDescrMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::column::Column;
-use crate::workers::on_threads;
+use crate::workers::{on_threads, until_signal};
 use crate::{CATALOG, plain};
 
 /// A value on a link.
@@ -96,7 +97,8 @@ impl Value {
 
     /// What a reader wants to know first.
     fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let summary = on_threads(py, || self.value.describe())?;
+        let value = self.value.clone();
+        let summary = until_signal(py, move || value.describe())?;
         dict(py, &summary.0)
     }
 
@@ -106,23 +108,25 @@ impl Value {
         dict(py, &summary.0)
     }
 
-    /// The files, by name and content, as which it is written.
-    fn files<'py>(
-        &self,
-        py: Python<'py>,
-        name: &str,
-    ) -> PyResult<Vec<(String, Bound<'py, PyBytes>)>> {
-        let files = on_threads(py, || CATALOG.write(&self.value, name))?;
-        let files = files.map_err(|error| PyValueError::new_err(error.to_string()))?;
-        Ok(files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes))).collect())
+    /// The files, by name and content, as which it is written, and what they cannot tell of it.
+    fn files<'py>(&self, py: Python<'py>, name: String) -> PyResult<Files<'py>> {
+        let (files, doubts) = self.written(py, name)?;
+        let files = files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes)));
+        Ok((files.collect(), doubts))
     }
 
-    /// Writes these files to where `path` is, and gives their paths.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<Vec<PathBuf>> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let files = on_threads(py, || CATALOG.write(&self.value, &name))?;
-        let files = files.map_err(|error| PyValueError::new_err(error.to_string()))?;
-        py.detach(|| maquette::save(files, &path)).map_err(PyOSError::new_err)
+    /// Writes these files to where `path` is, and gives their paths, and what they cannot tell of it.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<(Vec<PathBuf>, Vec<String>)> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let (files, doubts) = self.written(py, name)?;
+        let paths = py.detach(|| maquette::save(files, &path)).map_err(|error| {
+            match error.system_code() {
+                // The class of the error follows from its code.
+                Some(code) => PyOSError::new_err((code, error.to_string())),
+                None => PyOSError::new_err(error.to_string()),
+            }
+        })?;
+        Ok((paths, doubts))
     }
 
     /// A picture of it: from the front, as far to the right and above as these angles say; of this size, else as large as it is.
@@ -139,9 +143,11 @@ impl Value {
         let projection = flat[usize::from(orthographic)];
         let kind = if size.is_some() { Kind::Fitted } else { Kind::Own };
         let size = size.unwrap_or(View::front().size);
+        check_room(size[0].saturating_mul(size[1]).saturating_mul(BYTES_PER_PIXEL))?;
         let view = View { size, yaw, pitch, zoom, projection, aim: None };
         let look = Look { view, kind, below: None };
-        let drawn = on_threads(py, || picture(&self.value.show(), &look).map(AnyValue::new))?;
+        let value = self.value.clone();
+        let drawn = until_signal(py, move || picture(&value.show(), &look).map(AnyValue::new))?;
         Ok(drawn.map(Self::new))
     }
 
@@ -153,6 +159,52 @@ impl Value {
         Ok(Some((ends, Column::list("edge of a corner", edges.of_corner, 1))))
     }
 
+    /// How it differs from another value, as `maquette compare --json` prints it.
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
+    fn compare<'py>(
+        &self,
+        py: Python<'py>,
+        other: &Self,
+        max: Option<f64>,
+        rms: Option<f64>,
+        normals: Option<f64>,
+        attributes: BTreeMap<String, f64>,
+        differing: f64,
+        level: f64,
+        relative: f64,
+        remeshed: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let tolerance = Tolerance {
+            max,
+            rms,
+            normals,
+            attributes,
+            differing,
+            level,
+            relative,
+            remeshed,
+            ..Tolerance::default()
+        };
+        let (old, new) = (self.value.clone(), other.value.clone());
+        let comparison = until_signal(py, move || compare(&old, &new, &tolerance))?;
+        plain::from_json(py, &comparison.to_json())
+    }
+
+    /// The unit normals of a mesh's vertices.
+    fn normals(&self, py: Python<'_>) -> PyResult<Option<Column>> {
+        let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
+        let normals = on_threads(py, || mesh.vertex_normals())?;
+        let normals = normals.iter().flat_map(|it| [it.x, it.y, it.z]);
+        Ok(Some(Column::list("normals", Vec::from_iter(normals), 3)))
+    }
+
+    /// Its faces as triangles, with their corners by index among the corners of all faces.
+    fn triangle_corners(&self, py: Python<'_>) -> PyResult<Option<Column>> {
+        let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
+        let triangles = on_threads(py, || mesh.triangle_corners().into_flattened())?;
+        Ok(Some(Column::list("triangle corners", triangles, 3)))
+    }
+
     /// Its faces as triangles; larger ones are cut along diagonals within them.
     fn triangles(&self, py: Python<'_>) -> PyResult<Option<Column>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
@@ -160,6 +212,21 @@ impl Value {
         Ok(Some(Column::list("triangles", triangles, 3)))
     }
 }
+
+impl Value {
+    /// The files as which it is written, and what they cannot tell of it.
+    fn written(&self, py: Python<'_>, name: String) -> PyResult<(Vec<NewFile>, Vec<String>)> {
+        let value = self.value.clone();
+        let written = until_signal(py, move || {
+            let files = CATALOG.write(&value, &name)?;
+            Ok((files, CATALOG.doubts(&value, &name)))
+        })?;
+        written.map_err(|error: Error| PyValueError::new_err(error.to_string()))
+    }
+}
+
+/// Files by name and content, and what they cannot tell of a value.
+type Files<'py> = (Vec<(String, Bound<'py, PyBytes>)>, Vec<String>);
 
 fn dict<'py>(
     py: Python<'py>,
@@ -170,6 +237,15 @@ fn dict<'py>(
         dict.set_item(name, plain::from_json(py, entry)?)?;
     }
     Ok(dict)
+}
+
+/// What a pixel of a picture takes while it is drawn: its color and its depth.
+const BYTES_PER_PIXEL: usize = 4;
+
+/// Raises MemoryError if there is no room for so many bytes, where asking for them would end the process.
+fn check_room(bytes: usize) -> PyResult<()> {
+    let tried = Vec::<u8>::new().try_reserve_exact(bytes);
+    tried.map_err(|_| PyMemoryError::new_err(format!("there is no room for {bytes} bytes")))
 }
 
 /// The type of values of this name.
@@ -190,6 +266,8 @@ pub(crate) fn make(
     let kind = kind_of(kind)?;
     let arrays = columns.iter().map(|(.., array)| Array::of(array));
     let arrays = arrays.collect::<PyResult<Vec<_>>>()?;
+    let bytes = columns.iter().map(|(.., array)| array.len() * array.dtype().itemsize());
+    check_room(bytes.sum::<usize>().saturating_mul(2))?;
     let mut parts = Parts { row, ..Parts::default() };
     for ((name, on, meaning, width, _), array) in columns.iter().zip(&arrays) {
         let on = On::named(on).map_err(PyValueError::new_err)?;

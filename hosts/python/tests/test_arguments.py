@@ -80,7 +80,18 @@ SCRIPT = r"""
         "it in run": lambda it: it in run,
         "why(it)": lambda it: graph.why(it),
         "params[it]": lambda it: graph.params[it],
+        "run(params=it)": lambda it: graph.run(params=it),
+        "run(params={it: 1})": lambda it: graph.run(params={it: 1}),
+        "run(timeout=it)": lambda it: graph.run(timeout=it),
+        "run.value(it)": lambda it: run.value(it, maquette.Mesh),
+        "run.value(.., it)": lambda it: run.value("box", it),
         "load(it)": lambda it: maquette.load(it, cache=None),
+        "load(cache_remote=it)": lambda it: maquette.load(path, cache_remote=it),
+        "load(verify_cache=it)": lambda it: maquette.load(path, verify_cache=it, cache=None),
+        "load(pins=it)": lambda it: maquette.load(path, pins=it, cache=None),
+        "load(locked=it)": lambda it: maquette.load(path, locked=it, cache=None),
+        "ron.Box(size=it)": lambda it: maquette.GraphBuilder().node("a", maquette.ron.Box(size=it)),
+        "GraphBuilder.node(it)": lambda it: maquette.GraphBuilder().node(it, maquette.ron.Box()),
         "load(text=it)": lambda it: maquette.load(path, text=it, cache=None),
         "load(roots=it)": lambda it: maquette.load(path, roots=it, cache=None),
         "load(cache=it)": lambda it: None if it in (True, None) else maquette.load(path, cache=it),
@@ -97,7 +108,18 @@ SCRIPT = r"""
         "render(pitch=it)": lambda it: mesh.render(pitch=it, size=(8, 8)),
         "render(size=it)": lambda it: mesh.render(size=it),
         "render(zoom=it)": lambda it: mesh.render(zoom=it, size=(8, 8)),
+        "compare(it)": lambda it: mesh.compare(it),
+        "compare(max=it)": lambda it: mesh.compare(mesh, max=it),
+        "compare(attributes=it)": lambda it: mesh.compare(mesh, attributes=it),
         "mesh == it": lambda it: mesh == it,
+        "replace(it)": lambda it: mesh.replace(it),
+        "replace(faces=it)": lambda it: mesh.replace(faces=it),
+        "replace(uv=it)": lambda it: mesh.replace(uv=it),
+        "replace(texture=it)": lambda it: mesh.replace(texture=it),
+        "Mesh(like=it)": lambda it: maquette.Mesh(V, F, like=it),
+        "Mesh(color=it)": lambda it: maquette.Mesh(V, F, color=it),
+        "RangeImage(camera=it)": lambda it: maquette.RangeImage(np.ones((4, 3)), camera=it),
+        "RangeImage(depth=it)": lambda it: maquette.RangeImage(it, camera=(1, 1, 0, 0)),
         "Value.from_parts(it)": lambda it: maquette.Value.from_parts(it, {}),
         "Value.from_parts(.., it)": lambda it: maquette.Value.from_parts("Points", it),
         "Value.from_parts(facts=it)": lambda it: maquette.Value.from_parts("Surface", {"point": ("point", V)}, it),
@@ -166,3 +188,26 @@ def test_a_text_that_is_not_valid_unicode_is_refused_by_the_name_of_its_paramete
             graph.run(**{name: value})
         with pytest.raises(ValueError, match=f"`{name}` is .*not valid Unicode"):
             graph.edited(**{name: value})
+
+
+def test_what_there_is_no_room_for_is_a_memory_error() -> None:
+    script = """
+        import resource
+        import numpy as np
+        import maquette
+
+        mesh = maquette.Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2]])
+        array = np.zeros((5_000_000, 3))
+        mesh.render(size=(8, 8)), maquette.Points(mesh.vertices)
+        held = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (held + (100 << 20), held + (100 << 20)))
+        for call in (lambda: mesh.render(size=(16384, 16384)), lambda: maquette.Points(array), lambda: maquette.RangeImage(array.reshape(1000, 5000, 3))):
+            try:
+                call()
+            except MemoryError as error:
+                print("MemoryError")
+        print(mesh.render(size=(8, 8)).pixels.shape)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.splitlines() == ["MemoryError"] * 3 + ["(8, 8, 3)"]

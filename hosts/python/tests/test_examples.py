@@ -41,7 +41,8 @@ def test_the_notebook_runs_and_shows_graph_value_and_progress(graphs: pathlib.Pa
     client.execute()
     shown = [set(output.get("data", {})) for cell in notebook.cells for output in cell.get("outputs", ())]
     assert any("image/svg+xml" in kinds for kinds in shown), "no graph"
-    assert any({"image/png", "text/html"} <= kinds for kinds in shown), "no value"
+    pictures = ["<img" in "".join(o.get("data", {}).get("text/html", "")) for cell in notebook.cells for o in cell.get("outputs", ())]
+    assert any(pictures), "no value"
     bars = [o for cell in notebook.cells for o in cell.get("outputs", ()) if "<progress" in "".join(o.get("data", {}).get("text/html", ""))]
     assert bars and 'value="1.000"' in "".join(bars[0]["data"]["text/html"])
     tables = ["".join(o.get("data", {}).get("text/html", "")) for cell in notebook.cells for o in cell.get("outputs", ())]

@@ -298,5 +298,6 @@ def test_doubts_of_a_reader_are_warnings(tmp_path: pathlib.Path) -> None:
         warnings.simplefilter("always")
         assert len(maquette.read(tmp_path / "it.obj").faces) == 1  # type: ignore[attr-defined]
     assert any("gone.png" in str(it.message) for it in told)
-    with pytest.raises(ValueError, match="nothing.obj"):
-        maquette.read(tmp_path / "nothing.obj")
+    with pytest.raises(ValueError, match="broken.obj"):
+        (tmp_path / "broken.obj").write_text("v a b c\n")
+        maquette.read(tmp_path / "broken.obj")

@@ -53,7 +53,50 @@ def through_open3d(array: Array) -> None:
     tensor += 100
 
 
-WAYS = [through_a_pointer, through_the_interface, through_pyvista, through_open3d]
+def through_the_buffer(array: Array) -> None:
+    """As those write who ask the buffer where it is."""
+    view = memoryview(array)
+    address = np.frombuffer(view, dtype=np.uint8).ctypes.data if array.size and array.flags.c_contiguous else array.ctypes.data
+    ctypes.memset(address, 0xA5, view.nbytes)
+
+
+def through_the_base(array: Array) -> None:
+    """As those write who go to what the array is a view of."""
+    base = array
+    while isinstance(base.base, np.ndarray):
+        base = base.base
+    try:
+        base.flags.writeable = True
+    except ValueError:
+        return
+    ctypes.memset(base.ctypes.data, 0xA5, base.nbytes)
+
+
+def through_dlpack(array: Array) -> None:
+    if array.dtype != np.bool_ and hasattr(np, "from_dlpack"):
+        try:
+            through_a_pointer(np.from_dlpack(array))
+        except BufferError:
+            pass
+
+
+def through_torch(array: Array) -> None:
+    torch = pytest.importorskip("torch")
+    if array.dtype in (np.float64, np.float32, np.uint8):
+        torch.from_numpy(array).fill_(7)
+        torch.as_tensor(array).fill_(7)
+
+
+WAYS = [
+    through_a_pointer,
+    through_the_interface,
+    through_the_buffer,
+    through_the_base,
+    through_dlpack,
+    through_torch,
+    through_pyvista,
+    through_open3d,
+]
 
 
 def values() -> List[maquette.Value]:
@@ -70,9 +113,9 @@ def values() -> List[maquette.Value]:
         maquette.Points(grid[0], heat=grid[0, :, 0]),
         maquette.Image(picture),
         maquette.Mask(picture[..., 0] > 9),
-        maquette.Field(grid[..., 0]),
+        maquette.Field(grid[..., 0].astype(np.float32)),
         maquette.Labels(picture[..., 0]),
-        maquette.RangeImage(grid, color=picture),
+        maquette.RangeImage(grid, color=picture, camera=(5, 5, 2, 2)),
         maquette.Curve(grid[0]),
         maquette.ControlNet(grid),
         maquette.Handles(grid[0], grid[1]),
@@ -94,6 +137,7 @@ def arrays(value: maquette.Value) -> Iterator[Tuple[str, Array]]:
         given = dict(given) if isinstance(given, Mapping) else dict(enumerate(given)) if isinstance(given, tuple) else {0: given}
         for key, array in given.items():
             array = array.pixels if isinstance(array, maquette.Image) else array
+            array = array if isinstance(array, np.ndarray) or not hasattr(array, "__array__") else np.asarray(array)
             if isinstance(array, np.ndarray):
                 yield f"{name}[{key!r}]", array
 

@@ -500,13 +500,36 @@ fn holds(path: &Path, bytes: &[u8]) -> Option<Left> {
 /// or not at all, none if one may not be written, and only plain files are replaced. Gives their paths.
 ///
 /// # Errors
-/// In words: which file, and why.
-pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, String> {
+/// Which file, and why.
+pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, SaveError> {
     let files = files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes));
     let files = Vec::from_iter(files);
     match Destination::anywhere(&Sources::default()).put_all(&files) {
         Ok(()) => Ok(files.into_iter().map(|(path, _)| path).collect()),
-        Err((path, why)) => Err(format!("cannot write {}: {why}", path.display())),
+        Err((path, why)) => Err(SaveError { path, why }),
+    }
+}
+
+/// A file that could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}: {why}", .path.display())]
+pub struct SaveError {
+    /// Its path.
+    pub path: PathBuf,
+    why: Refused,
+}
+
+/// `EACCES` of every system.
+const ACCESS_DENIED: i32 = 13;
+
+impl SaveError {
+    /// The code of the system's error, if the system refused it.
+    pub fn system_code(&self) -> Option<i32> {
+        match &self.why {
+            Refused::System(error) => error.raw_os_error(),
+            Refused::ReadOnly => Some(ACCESS_DENIED),
+            _ => None,
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
 
@@ -116,12 +117,13 @@ impl Settings {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// An evaluator, and why it does not keep results on disk though it should.
+    /// An evaluator on these threads, and why it does not keep results on disk though it should.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
+        threads: Arc<rayon::ThreadPool>,
     ) -> Result<(Evaluator, Option<String>), SessionError> {
-        let mut evaluator = Evaluator::new(self.threads, self.memory)?.verifying(self.verify);
+        let mut evaluator = Evaluator::on(threads, self.memory).verifying(self.verify);
         if let Some(most) = self.max_memory {
             evaluator = evaluator.holding_at_most(most);
         }

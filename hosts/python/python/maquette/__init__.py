@@ -1,14 +1,14 @@
 """maquette: a node-based geometry graph for redesigning scanned objects.
 
 A graph is a text file; `load` checks it, `Graph.run` evaluates what is wanted of it, each step once, and what comes out are values whose
-columns are NumPy arrays that share their memory:
+columns are copied to NumPy arrays:
 
     import maquette
 
     graph = maquette.load("graphs/doll.ron")
     run = graph.run(growth=12)
-    skin = run["skin.mesh"]
-    skin.vertices, skin.faces
+    model = run.value("model.glb", maquette.Mesh)
+    model.vertices, model.faces
 
 Results are kept in memory and on disk, in the same folder as the command line's, so that nothing is computed twice. `python -m maquette`
 is the whole command line.
@@ -19,6 +19,7 @@ from __future__ import annotations
 # Known to checkers of types by its name; `typing` itself takes longer to load than all else here.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from ._build import GraphBuilder, ron
     from ._graph import (
         Graph,
         Node,
@@ -33,8 +34,10 @@ if TYPE_CHECKING:
         read,
         value_types,
     )
-    from ._problems import GraphError, Problem, UnknownNodeWarning, Use
+    from ._problems import Cancelled, Element, GraphError, GraphWarning, Note, Problem, TextEdit, UnknownNodeWarning, Use
+    from ._running import Running
     from ._values import (
+        Comparison,
         ControlNet,
         Curve,
         Direction,
@@ -54,13 +57,20 @@ if TYPE_CHECKING:
         Value,
     )
 
+    __version__: str
+
 __all__ = [
+    "Cancelled",
+    "Comparison",
     "ControlNet",
     "Curve",
     "Direction",
+    "Element",
     "Field",
     "Graph",
+    "GraphBuilder",
     "GraphError",
+    "GraphWarning",
     "Handles",
     "Image",
     "KnotVector",
@@ -68,6 +78,7 @@ __all__ = [
     "Mask",
     "Mesh",
     "Node",
+    "Note",
     "Output",
     "Param",
     "Part",
@@ -78,32 +89,46 @@ __all__ = [
     "RangeImage",
     "Region",
     "Run",
+    "Running",
     "Surface",
+    "TextEdit",
     "Trace",
     "UnknownNodeWarning",
     "Use",
     "Value",
     "WrittenFile",
+    "__version__",
     "load",
     "nodes",
     "read",
+    "ron",
     "value_types",
 ]
 
 _GRAPH = "Graph Node Output Param Port Progress Run WrittenFile load nodes read value_types".split()
-_PROBLEMS = ["GraphError", "Problem", "UnknownNodeWarning", "Use"]
+_PROBLEMS = "Cancelled Element GraphError GraphWarning Note Problem TextEdit UnknownNodeWarning Use".split()
+_MODULES = {
+    **dict.fromkeys(_GRAPH, "._graph"),
+    **dict.fromkeys(_PROBLEMS, "._problems"),
+    "GraphBuilder": "._build",
+    "Running": "._running",
+    "__version__": "._maquette",
+    "ron": "._build",
+}
 
+# Checkers of types would take any name for one that is here.
+if not TYPE_CHECKING:
 
-def __getattr__(name: str) -> object:
-    """Loads the engine when something of it is asked for."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+    def __getattr__(name: str) -> object:
+        """Loads the engine when something of it is asked for."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
 
-    module = "._graph" if name in _GRAPH else "._problems" if name in _PROBLEMS else "._values"
-    thing = getattr(import_module(module, __name__), name)
-    globals()[name] = thing
-    return thing
+        module = import_module(_MODULES.get(name, "._values"), __name__)
+        thing = getattr(module, "VERSION" if name == "__version__" else name)
+        globals()[name] = thing
+        return thing
 
 
 def __dir__() -> list[str]:

@@ -3,23 +3,39 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import os
+import stat
 import warnings
 from collections.abc import Collection, Mapping
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple, Type, TypeVar
+from typing import Union, overload
 
 from . import _maquette
-from ._problems import GraphError, Problem, UnknownNodeWarning, problems
+from ._problems import Cancelled, GraphError, GraphWarning, Problem, UnknownNodeWarning, problems
 from ._values import Value, value_of, wrap
+
+if TYPE_CHECKING:
+    from ._running import Running
 
 Path = Union[str, "os.PathLike[str]"]
 T = TypeVar("T")
+V = TypeVar("V", bound=Value)
 
 # The code of the problem that a node's type is one that no pack has.
 _UNKNOWN_NODE = "G003"
 
-# What is still on its way to the disk would be computed again by the next process.
-atexit.register(_maquette.finish_all)
+# What went wrong with keeping and sharing results, as far as somebody was warned of it.
+_TOLD: Set[str] = set()
+
+
+@atexit.register
+def _finish() -> None:
+    """Waits for what is on its way to the disk, which the next process would compute again, and warns of what never got there."""
+    for trouble in _maquette.finish_all():
+        if trouble not in _TOLD:
+            _TOLD.add(trouble)
+            warnings.warn(trouble, GraphWarning, stacklevel=2)
 
 
 class Param(NamedTuple):
@@ -149,6 +165,10 @@ def load(
     memory: Union[str, int] = "2GB",
     threads: int = 0,
     max_memory: Union[str, int, None] = None,
+    cache_remote: Optional[str] = None,
+    verify_cache: float = 0.0,
+    pins: bool = True,
+    locked: bool = False,
 ) -> Graph:
     """Reads and checks a graph file and those that it uses; runs nothing.
 
@@ -156,20 +176,28 @@ def load(
     that the graph may read. `cache`: where results are kept from one process to the next: True for the command line's folder, False or None
     for nowhere, or a folder. `memory`: how much results may hold. `threads`: how many there are, 0 for as many as the machine has.
     `max_memory`: how much results and nodes under way may hold together, as "4GB": a node that would need more fails before it begins; None
-    for nine tenths of what the machine has left.
+    for nine tenths of what the machine has left. `cache_remote`: the URL of a server through which machines share results; None for that
+    of `MAQUETTE_CACHE_REMOTE`. `verify_cache`: the percentage of known results that are computed all the same, where a difference is an
+    error. `pins`: whether pinned results stand in for their nodes. `locked`: whether used graphs must be what the lock file says. All are as
+    the options of the command line.
 
     The graph stays as it is now when files of graphs change; files that its nodes read are looked at in every run.
 
-    A node of a type that no pack has is an UnknownNodeWarning, which says what pack may be missing: all that does not hang on the node can be
-    run.
+    What is to be doubted of the graph is a GraphWarning, as a stale pin. A node of a type that no pack has is an UnknownNodeWarning, which
+    says what pack may be missing: all that does not depend on the node can be run.
 
     Raises GraphError with every problem of the file, OSError if it cannot be read.
     """
-    graph = Graph(path, text, roots, cache, memory, threads, max_memory)
-    for problem in graph._problems:
-        if problem.code == _UNKNOWN_NODE:
-            told = f"{problem.file}:{problem.line}:{problem.column}: {problem.message} ({problem.help})"
-            warnings.warn(UnknownNodeWarning(told), stacklevel=2)
+    if not 0 <= verify_cache <= 100:
+        raise ValueError(f"verify_cache is {verify_cache}; expected a percentage from 0 to 100")
+    most = None if max_memory is None else str(max_memory)
+    if cache is True:
+        folder: Optional[str] = None
+    else:
+        folder = "" if cache is None or cache is False else os.path.abspath(cache)
+    session = _maquette.Session(folder, str(memory), threads, most, cache_remote, verify_cache / 100)
+    graph = Graph(path, text, roots, session, pins, locked)
+    graph._warn(graph._problems, 3)
     return graph
 
 
@@ -181,14 +209,18 @@ class Graph:
         path: Path,
         text: Optional[str],
         roots: Sequence[Path],
-        cache: Union[Path, bool, None],
-        memory: Union[str, int],
-        threads: int,
-        max_memory: Union[str, int, None],
+        session: _maquette.Session,
+        pins: bool,
+        locked: bool,
     ) -> None:
         # It is read again, with other values, wherever the program has gone meanwhile.
         self._path = os.path.abspath(path)
         self._roots = [os.path.abspath(root) for root in roots]
+        self._session, self._pins, self._locked = session, pins, locked
+        # The texts of warnings that were given, and what stops the runs under way.
+        self._warned: Set[str] = set()
+        self._running: Set[_maquette.Cancel] = set()
+        self._known: Optional[Dict[str, str]] = None
         if text is None:
             with open(self._path, "rb"):
                 pass
@@ -197,30 +229,75 @@ class Graph:
         # Other values are put into the texts that were checked, whatever has become of the files meanwhile.
         self._texts = {file: _text(file) for file in used}
         self._texts[self._path] = self._graph.text
-        if cache is True:
-            folder: Optional[str] = None
-        else:
-            folder = "" if cache is None or cache is False else os.path.abspath(cache)
-        most = None if max_memory is None else str(max_memory)
-        self._session = _maquette.Session(folder, str(memory), threads, most)
 
     def _checked(
         self, params: Mapping[str, Any], texts: Dict[str, str], draft: bool = False
     ) -> Tuple[_maquette.Graph, List[Problem], List[str]]:
         """The graph with these values; raises GraphError if it has mistakes then."""
         values = self._put(params)
-        graph, told, used = _maquette.Graph.load(self._path, self._roots, values, texts, draft)
+        graph, told, used = _maquette.Graph.load(
+            self._path, self._roots, values, texts, draft, self._pins, self._locked
+        )
         if graph is None:
             raise GraphError(problems(told))
         return graph, problems(told), [os.fspath(path) for path in used]
 
     def _put(self, values: Mapping[str, Any]) -> List[Tuple[str, str]]:
         """Values by the names that the graph has for them: as in a field of a graph, `up_step` is the parameter `up-step`."""
-        if not values:
-            return []
-        known = {name.replace("-", "_"): name for name in self.params}
-        named = {known.get(name, name): value for name, value in values.items()}
+        named: Dict[str, Any] = {}
+        for name, value in values.items():
+            if not isinstance(name, str):
+                raise TypeError(f"the name of a parameter is a {type(name).__name__}; expected a str")
+            name = self._params_by_word.get(name, name)
+            if name in named:
+                raise TypeError(f"the parameter `{name}` is given twice")
+            named[name] = value
         return [(name, self._as_ron(name, value)) for name, value in named.items()]
+
+    @property
+    def _params_by_word(self) -> Dict[str, str]:
+        """The names of parameters by what stands for them in Python: they themselves, else with underscores for hyphens."""
+        if self._known is None:
+            names = list(self.params)
+            self._known = {**{name.replace("-", "_"): name for name in names}, **{name: name for name in names}}
+        return self._known
+
+    def _given(
+        self, params: Optional[Mapping[str, Any]], named: Mapping[str, Any], arguments: Mapping[str, Any]
+    ) -> Dict[str, Any]:
+        """All parameters: from a dict, and those that were given as keywords. Raises TypeError where a keyword that is also a parameter may
+        mean both: with a dict, even an empty one, it means the argument of `run`."""
+        if params is None:
+            for name, value in arguments.items():
+                if value is not None and name in self._params_by_word:
+                    raise TypeError(
+                        f"`{name}` is an argument of run and a parameter of this graph: give the parameter as "
+                        f"params={{'{name}': ..}}; beside params, even an empty dict, `{name}` is the argument"
+                    )
+            return dict(named)
+        if not isinstance(params, Mapping):
+            raise TypeError(f"`params` is a {type(params).__name__}; expected a dict of parameters by name")
+        known = self._params_by_word
+        taken = {known.get(name, name) for name in params}
+        for name in named:
+            if known.get(name, name) in taken:
+                raise TypeError(f"the parameter `{name}` is given twice, in params and as a keyword")
+        return {**params, **named}
+
+    def _warn(self, found: Sequence[Problem], level: int) -> None:
+        """Warns of what is to be doubted and of troubles of the cache, of each once."""
+        for problem in found:
+            kind = UnknownNodeWarning if problem.code == _UNKNOWN_NODE else GraphWarning
+            text = f"{problem.file}:{problem.line}:{problem.column}: {problem.message}"
+            self._warn_once(f"{text} ({problem.help})" if problem.help else text, kind, level + 1)
+        for trouble in self._session.troubles():
+            _TOLD.add(trouble)
+            self._warn_once(trouble, GraphWarning, level + 1)
+
+    def _warn_once(self, text: str, kind: Type[Warning], level: int) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
+            warnings.warn(text, kind, stacklevel=level)
 
     def _as_ron(self, name: str, value: Any) -> str:
         """A value as graph files have it: of a parameter by its type, else as it is."""
@@ -281,50 +358,133 @@ class Graph:
 
     def run(
         self,
+        /,
         outputs: Union[str, Sequence[str], None] = None,
         *,
-        nodes: Union[str, Sequence[str]] = (),
+        nodes: Union[str, Sequence[str], None] = None,
         inputs: Optional[Mapping[str, Any]] = None,
         progress: Union[Callable[[Progress], object], bool, None] = None,
-        strict: bool = True,
-        draft: bool = False,
-        **params: Any,
+        strict: Optional[bool] = None,
+        draft: Optional[bool] = None,
+        timeout: Optional[float] = None,
+        params: Optional[Mapping[str, Any]] = None,
+        **named: Any,
     ) -> Run:
         """Evaluates outputs of the graph, all if none is named, and these nodes (`node` or `node.output`) beside them.
 
-        `params`: values in place of defaults, `run(growth=12)`, `run(eye_step=3)` of a parameter `eye-step`; those of fields of nodes as `run(**{"cage.levels": 2})`. `inputs`: values by
-        the names of the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh
-        or an array of points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
+        Further keywords are parameters, `run(growth=12)`, `run(eye_step=3)` of a parameter `eye-step`. `params`: the same as a dict, for
+        any name: `run(params={"draft": True, "cage.levels": 2})`, where the second is the field of a node. `inputs`: values by the names of
+        the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh or an array of
+        points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft; False if left out. `progress`: is called with
+        `Progress`; True draws a bar. `timeout`: how many seconds it may take. Ctrl-C stops the run, and so does `cancel`.
 
-        Only what hangs on something changed is computed. Raises GraphError if something failed, hangs on a node of an unknown type or does not
-        hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell.
+        Only what depends on something changed is computed. Raises GraphError if something failed, depends on a node of an unknown type or does
+        not hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell. Raises
+        TimeoutError or Cancelled if it was stopped.
         """
-        named = None if outputs is None else _names("outputs", outputs)
-        wanted = _names("nodes", nodes)
-        for output in named or ():
+        return self._until_cancelled(
+            _maquette.Cancel(),
+            outputs,
+            nodes=nodes,
+            inputs=inputs,
+            progress=progress,
+            strict=strict,
+            draft=draft,
+            timeout=timeout,
+            params=params,
+            **named,
+        )
+
+    def start(self, /, *outputs: Any, **arguments: Any) -> Running:
+        """Begins what `run` does with these arguments, on another thread, and gives a future: `run = graph.start(growth=12).result()`,
+        `run = await graph.start(growth=12)`. Its `cancel` stops the run."""
+        from ._running import Running
+
+        token = _maquette.Cancel()
+        self._running.add(token)
+        return Running(lambda: self._until_cancelled(token, *outputs, **arguments), token)
+
+    def cancel(self) -> None:
+        """Stops the runs of the graph that are under way on other threads; each raises Cancelled."""
+        for token in list(self._running):
+            token.cancel()
+
+    def _until_cancelled(self, token: _maquette.Cancel, /, *outputs: Any, **arguments: Any) -> Run:
+        """What `run` does, until the token stops it."""
+        self._running.add(token)
+        try:
+            return self._evaluate(token, *outputs, **arguments)
+        finally:
+            self._running.discard(token)
+
+    def _evaluate(
+        self,
+        token: _maquette.Cancel,
+        /,
+        outputs: Union[str, Sequence[str], None] = None,
+        *,
+        nodes: Union[str, Sequence[str], None] = None,
+        inputs: Optional[Mapping[str, Any]] = None,
+        progress: Union[Callable[[Progress], object], bool, None] = None,
+        strict: Optional[bool] = None,
+        draft: Optional[bool] = None,
+        timeout: Optional[float] = None,
+        params: Optional[Mapping[str, Any]] = None,
+        **named: Any,
+    ) -> Run:
+        arguments = {
+            "outputs": outputs,
+            "nodes": nodes,
+            "inputs": inputs,
+            "progress": progress,
+            "strict": strict,
+            "draft": draft,
+            "timeout": timeout,
+        }
+        given = self._given(params, named, arguments)
+        seconds = _seconds(timeout)
+        asked = None if outputs is None else _names("outputs", outputs)
+        wanted = [] if nodes is None else _names("nodes", nodes)
+        for output in asked or ():
             self.outputs[output]
-        graph = self._checked(params, self._texts, draft)[0] if params or draft else self._graph
-        values = self._values(inputs or {})
+        is_draft = bool(draft)
+        graph, checked = self._graph, self._problems
+        if given or is_draft:
+            graph, checked, _ = self._checked(given, self._texts, is_draft)
+        values, doubts, files = self._values({} if inputs is None else inputs)
         told, end = _told(progress, len(self.nodes))
         try:
             found, wrong = self._session.run(
-                graph, named is None, [*(named or ()), *wanted], {k: v._native for k, v in values.items()}, told
+                graph,
+                asked is None,
+                [*(asked or ()), *wanted],
+                {name: value._native for name, value in values.items()},
+                told,
+                token,
+                seconds,
             )
         finally:
             end()
+        if found is None and token.is_cancelled:
+            raise Cancelled("the run was cancelled")
         if found is None:
             raise GraphError(problems(wrong))
-        run = Run(self, found, draft)
+        checked = [*checked, *doubts]
+        self._warn(checked, 5)
+        run = Run(self, found, _Asked(asked, wanted, is_draft, checked, files))
         failed = [problem for problem in run.problems if problem.severity == "error"]
-        if strict and failed:
+        if failed and (strict is None or strict):
             raise GraphError(failed, run)
         return run
 
-    def _values(self, inputs: Mapping[str, Any]) -> Dict[str, Value]:
-        """The values for inputs, whatever they were given as."""
+    def _values(self, inputs: Mapping[str, Any]) -> Tuple[Dict[str, Value], List[Problem], List[str]]:
+        """The values for inputs, whatever they were given as; what is to be doubted of those that were read, and their files."""
+        if not isinstance(inputs, Mapping):
+            raise TypeError(f"`inputs` is a {type(inputs).__name__}; expected a dict of values by name")
         ports = self.inputs
         values: Dict[str, Value] = {}
         files: List[Tuple[str, Path]] = []
+        doubts: List[Problem] = []
         for name, given in inputs.items():
             if isinstance(given, (str, os.PathLike)):
                 files.append((name, given))
@@ -335,7 +495,8 @@ class Graph:
             if read is None:
                 raise GraphError(problems(told))
             values.update({name: wrap(value) for name, value in read.items()})
-        return values
+            doubts = problems(told)
+        return values, doubts, [os.path.abspath(os.fspath(path)) for _, path in files]
 
     def why(self, node: str) -> str:
         """Why a node would run now, or why not, since the graph was run last."""
@@ -344,12 +505,12 @@ class Graph:
             raise KeyError(f"no node `{node}`; there are: {', '.join(self.nodes)}")
         return told.rstrip("\n")
 
-    def edited(self, **values: Any) -> str:
-        """The text of the graph with values put into it: of parameters, or of fields, `edited(**{"cage.levels": 2})`.
+    def edited(self, params: Optional[Mapping[str, Any]] = None, /, **named: Any) -> str:
+        """The text of the graph with values put into it: of parameters, `edited(growth=20)`, or of fields, `edited({"cage.levels": 2})`.
 
         Every other byte stays. Nothing is written. Raises GraphError if the text would have a mistake then.
         """
-        put = self._put(values)
+        put = self._put(self._given({} if params is None else params, named, {}))
         text, told = self._graph.edited(put, self._roots, self._texts)
         if text is None:
             raise GraphError(problems(told))
@@ -361,8 +522,8 @@ class Graph:
 
     @property
     def trouble(self) -> Optional[str]:
-        """Why results are not kept on disk, though they should be; None if they are."""
-        return self._session.trouble()
+        """What went wrong with keeping results on disk or sharing them, the first of it; None if nothing did."""
+        return next(iter(self._session.troubles()), None)
 
     def to_svg(self) -> str:
         """The picture of the graph: boxes for nodes and outputs, and links."""
@@ -375,11 +536,28 @@ class Graph:
         return f"<Graph {self._path}: {len(self.nodes)} nodes, outputs {', '.join(self.outputs)}>"
 
 
-class Run:
-    """What a run of a graph gave: `run["skin.mesh"]` is the value of an output, a node or an output of a node."""
+class _Asked(NamedTuple):
+    """What was asked of a run, and what was known before it."""
 
-    def __init__(self, graph: Graph, found: _maquette.Finished, draft: bool) -> None:
-        self._graph, self._found, self._draft = graph, found, draft
+    outputs: Optional[List[str]]
+    nodes: List[str]
+    is_draft: bool
+    checked: List[Problem]
+    files: List[str]
+
+
+class Run(Mapping[str, Value]):
+    """What a run of a graph gave: `run["model.glb"]` is the value of an output, a node or an output of a node.
+
+    It is a mapping of what was asked for and did not fail, outputs and then nodes: `for name, value in run.items()`. By name it has all else
+    that was found on the way, too.
+    """
+
+    def __init__(self, graph: Graph, found: _maquette.Finished, asked: _Asked) -> None:
+        self._graph, self._found, self._asked = graph, found, asked
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     @property
     def graph(self) -> Graph:
@@ -396,9 +574,30 @@ class Run:
             raise KeyError(f"no value `{name}`: {hint}")
         return wrap(found)
 
-    def __contains__(self, name: str) -> bool:
+    def value(self, name: str, kind: Type[V]) -> V:
+        """The same as a value of this class, `run.value("model.glb", maquette.Mesh)`, as checkers of types want it. Raises TypeError if it is
+        of another one."""
+        value = self[name]
+        if not isinstance(value, kind):
+            raise TypeError(f"`{name}` is a {value.kind}; expected a {kind.__name__}")
+        return value
+
+    def __contains__(self, name: object) -> bool:
         """Whether there is a value of this name."""
-        return self._found.value(name) is not None
+        return isinstance(name, str) and self._found.value(name) is not None
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of what was asked for and did not fail."""
+        outputs = self._graph.outputs if self._asked.outputs is None else self._asked.outputs
+        return (name for name in dict.fromkeys([*outputs, *self._asked.nodes]) if name in self)
+
+    def __len__(self) -> int:
+        """The number of values that were asked for and did not fail."""
+        return sum(1 for _ in self)
+
+    def __bool__(self) -> bool:
+        """True, even if nothing came of it."""
+        return True
 
     @property
     def trace(self) -> List[Node]:
@@ -407,16 +606,25 @@ class Run:
 
     @property
     def problems(self) -> List[Problem]:
-        """What failed, what nodes warn of, and what the graph expects that does not hold."""
-        return problems(self._found.problems())
+        """What is to be doubted of the graph, what failed, what nodes warn of, and what the graph expects that does not hold."""
+        found = problems(self._found.problems())
+        known = {problem._replace(severity="", text="") for problem in found}
+        checked = [it for it in self._asked.checked if it._replace(severity="", text="") not in known]
+        return checked + found
 
-    def write(self, folder: Optional[Path] = None) -> List[WrittenFile]:
-        """Writes the outputs to a folder, as `maquette run` does; a file that is right is left alone. If no folder is named, it is `out/GRAPH`, or
-        `out/GRAPH-draft` after `run(draft=True)`.
+    def write(self, folder: Optional[Path] = None, *, provenance: bool = True) -> List[WrittenFile]:
+        """Writes the outputs that were asked for to a folder, as `maquette run` does; a file that is right is left alone. If no folder is named,
+        it is `out/GRAPH`, or `out/GRAPH-draft` after `run(draft=True)`. `provenance`: whether files tell of the graph, the parameters and the
+        files that they were made of.
 
         What a file cannot tell of its value is a warning. Raises GraphError if a file cannot be written; what was there stays.
         """
-        written, found = self._found.write(folder, self._graph.path, self._draft)
+        asked = self._asked
+        if asked.outputs is not None and not asked.outputs:
+            return []
+        written, found = self._found.write(
+            folder, self._graph.path, asked.is_draft, asked.outputs or [], provenance, asked.files
+        )
         told = problems(found)
         if any(problem.severity == "error" for problem in told):
             raise GraphError(told, self)
@@ -437,17 +645,34 @@ class Run:
         return run_html(self)
 
 
-def read(path: Path, kind: Optional[str] = None) -> Value:
+@overload
+def read(path: Path, kind: Optional[str] = None) -> Value: ...
+@overload
+def read(path: Path, kind: Type[V]) -> V: ...
+def read(path: Path, kind: Union[str, Type[Value], None] = None) -> Value:
     """The value in a file, by its ending: a `Mesh` from .glb, .obj, .ply, .stl .., a `RangeImage` from .pcd, a picture from .png ..
 
-    `kind` says which type it is to be, where several are read from such files. What is doubtful of the file is a warning. Raises ValueError
-    that says what is wrong and where.
+    `kind` says which type it is to be, by name or class, `read("a.ply", maquette.Points)`. What is doubtful of the file is a warning. Raises
+    FileNotFoundError and its like if the file cannot be read, ValueError that says what is wrong with it and where.
     """
-    value, doubts = _maquette.read(path, kind)
-    if doubts:
-        for doubt in doubts:
-            warnings.warn(f"{os.fspath(path)}: {doubt}", stacklevel=2)
+    path = os.fspath(path)
+    _check_readable(path)
+    name = kind.KIND if isinstance(kind, type) and issubclass(kind, Value) else kind
+    value, doubts = _maquette.read(path, name)
+    for doubt in doubts:
+        warnings.warn(f"{path}: {doubt}", stacklevel=2)
     return wrap(value)
+
+
+def _check_readable(path: str) -> None:
+    """Raises what `open` raises of a file that cannot be read."""
+    wrong = 0
+    if stat.S_ISDIR(os.stat(path).st_mode):
+        wrong = errno.EISDIR
+    elif not os.access(path, os.R_OK):
+        wrong = errno.EACCES
+    if wrong:
+        raise OSError(wrong, os.strerror(wrong), path)
 
 
 def nodes() -> Dict[str, Any]:
@@ -458,6 +683,16 @@ def nodes() -> Dict[str, Any]:
 def value_types() -> Dict[str, Any]:
     """All types of values by name, with the endings of files that they are read from and written to."""
     return {kind["name"]: kind for kind in _maquette.catalog()["values"]}
+
+
+def _seconds(timeout: Optional[float]) -> Optional[float]:
+    """How long a run may take. Raises ValueError if it is no time."""
+    if timeout is None:
+        return None
+    seconds = float(timeout)
+    if not 0 <= seconds:
+        raise ValueError(f"timeout is {timeout}; expected a number of seconds")
+    return seconds
 
 
 def _text(file: str) -> str:

@@ -2,16 +2,18 @@
 
 from os import PathLike
 from pathlib import PurePath
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union, final
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union, final
 
 import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "Cancel",
     "Column",
     "Finished",
     "Graph",
     "Session",
+    "VERSION",
     "Value",
     "catalog",
     "command_line",
@@ -22,6 +24,15 @@ __all__ = [
 
 _Path = Union[str, "PathLike[str]"]
 _Problem = Dict[str, Any]
+
+VERSION: str
+
+@final
+class Cancel:
+    def __new__(cls) -> Cancel: ...
+    @property
+    def is_cancelled(self) -> bool: ...
+    def cancel(self) -> None: ...
 
 @final
 class Column:
@@ -48,8 +59,22 @@ class Value:
     def columns(self) -> List[Column]: ...
     def describe(self) -> Dict[str, Any]: ...
     def probe(self, at: Tuple[int, int]) -> Dict[str, Any]: ...
-    def files(self, name: str) -> List[Tuple[str, bytes]]: ...
-    def save(self, path: _Path) -> List[PurePath]: ...
+    def files(self, name: str) -> Tuple[List[Tuple[str, bytes]], List[str]]: ...
+    def save(self, path: _Path) -> Tuple[List[PurePath], List[str]]: ...
+    def compare(
+        self,
+        other: Value,
+        max: Optional[float],
+        rms: Optional[float],
+        normals: Optional[float],
+        attributes: Mapping[str, float],
+        differing: float,
+        level: float,
+        relative: float,
+        remeshed: bool,
+    ) -> Dict[str, Any]: ...
+    def normals(self) -> Optional[Column]: ...
+    def triangle_corners(self) -> Optional[Column]: ...
     def render(
         self,
         size: Optional[Tuple[int, int]],
@@ -70,6 +95,8 @@ class Graph:
         set: Sequence[Tuple[str, str]],
         texts: Dict[str, str],
         draft: bool,
+        pins: bool,
+        locked: bool,
     ) -> Tuple[Optional[Graph], List[_Problem], List[str]]: ...
     @property
     def path(self) -> str: ...
@@ -98,15 +125,27 @@ class Finished:
     def trace(self) -> List[Dict[str, Any]]: ...
     def problems(self) -> List[_Problem]: ...
     def write(
-        self, folder: Optional[_Path], graph: _Path, draft: bool
+        self,
+        folder: Optional[_Path],
+        graph: _Path,
+        draft: bool,
+        only: Sequence[str],
+        signs: bool,
+        kept: Sequence[_Path],
     ) -> Tuple[List[Dict[str, Any]], List[_Problem]]: ...
 
 @final
 class Session:
     def __new__(
-        cls, cache: Optional[_Path], memory: str, threads: int, max_memory: Optional[str]
+        cls,
+        cache: Optional[_Path],
+        memory: str,
+        threads: int,
+        max_memory: Optional[str],
+        server: Optional[str],
+        verify: float,
     ) -> Session: ...
-    def trouble(self) -> Optional[str]: ...
+    def troubles(self) -> List[str]: ...
     def why(self, graph: Graph, node: str) -> Optional[str]: ...
     def forget(self) -> None: ...
     def read_inputs(
@@ -119,6 +158,8 @@ class Session:
         nodes: Sequence[str],
         inputs: Dict[str, Value],
         told: Optional[Callable[[str, str, float], object]],
+        cancel: Cancel,
+        timeout: Optional[float],
     ) -> Tuple[Optional[Finished], List[_Problem]]: ...
 
 def make(
@@ -130,4 +171,4 @@ def make(
 def read(path: _Path, kind: Optional[str]) -> Tuple[Value, List[str]]: ...
 def catalog() -> Dict[str, Any]: ...
 def command_line(words: Sequence[str]) -> int: ...
-def finish_all() -> None: ...
+def finish_all() -> List[str]: ...

@@ -113,8 +113,16 @@ def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
     return [problem(one) for one in told]
 
 
-class UnknownNodeWarning(UserWarning):
+class GraphWarning(UserWarning):
+    """Something about a graph, its inputs or its cache is to be doubted, though it can be run."""
+
+
+class UnknownNodeWarning(GraphWarning):
     """A graph has a node of a type that no pack has: what does not hang on it can be run."""
+
+
+class Cancelled(Exception):
+    """A run was stopped by `Graph.cancel` or `Running.cancel`."""
 
 
 class GraphError(Exception):

@@ -20,13 +20,13 @@ _MOST_ROWS = 24
 
 def value_html(value: Value) -> str:
     """A value's picture, and a table of what is known of it."""
-    png = value._repr_png_()
+    png = value._picture()
     picture = ""
     if png is not None:
         data = base64.b64encode(png).decode()
         picture = f'<img src="data:image/png;base64,{data}" style="max-width: 480px; max-height: 360px" alt="{value.kind}">'
     facts = [(name, str(fact)) for name, fact in value.facts.items()]
-    columns = [(part.name, f"{part.array.shape} {part.array.dtype}, {part.meaning}") for part in value.parts.values()]
+    columns = [(name, f"{part.array.shape} {part.array.dtype}, {part.meaning}") for name, part in value.parts.items()]
     heading = f"<b>{html.escape(value.kind)}</b> <code>{value.hash[:12]}</code>"
     table = _table([*facts, *columns])
     return f'<div style="display: flex; gap: 1em; align-items: start">{picture}<div>{heading}{table}</div></div>'

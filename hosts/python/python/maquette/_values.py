@@ -8,11 +8,12 @@ an error; `.copy()` of it can be changed and made a new value. NumPy is loaded w
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Dict, Iterator, List, NamedTuple, Optional, Sequence
 from typing import Tuple, Type, TypeVar, Union
 
-from . import _maquette
+from . import _arrays, _maquette, _pictures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +40,10 @@ class Part(NamedTuple):
     """The numbers, (n,) or (n, numbers an element); (rows, columns, ..) on pixels. A read-only copy."""
 
 
+_AnyPart = Union[Part, Tuple[str, Any]]
+"""A column as parts of values have it, or what its elements are and an array; None if there is none."""
+
+
 class _Parts(Mapping[str, Part]):
     """The columns of a value by name; each access copies one."""
 
@@ -61,6 +66,31 @@ class _Parts(Mapping[str, Part]):
     def names_on(self, on: str) -> List[str]:
         """The names of the columns of these elements."""
         return [name for name, column in self._columns.items() if column.on == on]
+
+
+class Comparison(NamedTuple):
+    """How two values differ."""
+
+    verdict: str
+    """`identical`, `same but reordered`, `within tolerance` or `different`."""
+    reasons: List[str]
+    """What is different, in words."""
+    measures: Dict[str, Dict[str, Any]]
+    """What was measured, by name, such as `surface`: `max`, `rms`, `p99`, `differing`, `unit`, `worst`."""
+
+    def __bool__(self) -> bool:
+        """Whether the values are equal or their differences are allowed."""
+        return self.verdict != "different"
+
+
+def _array_for(array: NDArray[Any], dtype: Any, copy: Optional[bool]) -> NDArray[Any]:
+    """An array as `__array__` gives it. Each access is a copy."""
+    if copy is False:
+        raise ValueError("arrays of values are copies")
+    if dtype is None or dtype == array.dtype:
+        # Who asks for a copy means to change it.
+        return array.copy() if copy else array
+    return array.astype(dtype)
 
 
 def _copy(column: _maquette.Column) -> NDArray[Any]:
@@ -104,17 +134,20 @@ class Value:
         """
         import numpy as np
 
+        grid: Tuple[str, Tuple[int, ...]] = ("", ())
         row: Optional[int] = None
         columns: List[Tuple[str, str, str, int, NDArray[np.generic]]] = []
         for name, part in parts.items():
             if isinstance(part, Part):
-                on, meaning, array = part.on, part.meaning, np.ascontiguousarray(part.array)
+                on, meaning, array = part.on, part.meaning, _arrays.contiguous(np.asarray(part.array))
             else:
-                on, (array, meaning) = part[0], _numbers(name, part[1])
+                on, (array, meaning) = part[0], _arrays.column(name, part[0], part[1])
             if on == "pixel":
                 if array.ndim < 2:
                     raise ValueError(f"the part `{name}` lies on pixels, so its array has rows and columns")
-                row = array.shape[1]
+                if grid[1] not in ((), array.shape[:2]):
+                    raise ValueError(f"`{name}` has {array.shape[:2]} rows and columns, where `{grid[0]}` has {grid[1]}")
+                grid, row = (name, array.shape[:2]), array.shape[1]
                 array = array.reshape(array.shape[0] * array.shape[1], -1)
             if array.ndim not in (1, 2):
                 raise ValueError(f"the part `{name}` is (n,) or (n, numbers an element), not {array.shape}")
@@ -124,11 +157,11 @@ class Value:
 
     def _make(
         self,
-        parts: Mapping[str, Tuple[str, Any]],
+        parts: Mapping[str, _AnyPart],
         facts: Optional[Mapping[str, object]] = None,
     ) -> None:
         """Becomes the value that is made of the parts that are not None."""
-        given = {name: part for name, part in parts.items() if part[1] is not None}
+        given = {name: part for name, part in parts.items() if _array_of(part) is not None}
         self._native = Value.from_parts(self.KIND, given, facts)._native
         self._parts = None
 
@@ -173,23 +206,33 @@ class Value:
         return self._native.probe((column, row))
 
     def to_bytes(self, ending: str) -> bytes:
-        """The content of the file of this ending, `"glb"` or `".ply"`, as the command line writes it.
+        """The content of the file of this ending, `"glb"` or `".ply"`: the bytes that `save` writes. What the file cannot tell of the value is
+        a warning.
 
         Raises ValueError if no such file holds this type of values, or several belong together: then `save` writes them.
         """
-        files = self._native.files("value." + ending.lstrip("."))
+        files, doubts = self._native.files("value." + ending.lstrip("."))
+        for doubt in doubts:
+            warnings.warn(doubt, stacklevel=2)
         if len(files) != 1:
             names = ", ".join(name for name, _ in files)
             raise ValueError(f"as `{ending}` this is several files ({names}): save() writes them")
         return files[0][1]
 
     def save(self, path: Union[str, os.PathLike[str]]) -> List[str]:
-        """Writes it to a file, whose ending says how, and gives the paths of all files that were written.
+        """Writes it to a file, whose ending says how, and gives the paths of all files that were written: the bytes that
+        `maquette run --no-provenance` writes. `Run.write` lets files tell where they came from, too.
+
+        What the file cannot tell of the value is a warning, as of `Run.write`. In files a mesh that has a `frame`, since it came out of a
+        capture, stands upright: y and z of its `vertices`, which look along the sensor, have the opposite sign there.
 
         Each file appears whole or not at all, and only plain files are replaced. Raises ValueError if no such file holds this type of
         values, OSError if one cannot be written.
         """
-        return [os.fspath(file) for file in self._native.save(path)]
+        files, doubts = self._native.save(path)
+        for doubt in doubts:
+            warnings.warn(f"{os.fspath(path)}: {doubt}", stacklevel=2)
+        return [os.fspath(file) for file in files]
 
     def render(
         self,
@@ -234,13 +277,40 @@ class Value:
         facts = ", ".join(f"{name}: {fact}" for name, fact in self.facts.items())
         return f"<{self.kind} {facts}>" if facts else f"<{self.kind}>"
 
-    def _repr_png_(self) -> Optional[bytes]:
-        """Its picture, for notebooks."""
+    def compare(
+        self,
+        other: Value,
+        *,
+        max: Optional[float] = None,
+        rms: Optional[float] = None,
+        normals: Optional[float] = None,
+        attributes: Optional[Mapping[str, float]] = None,
+        differing: float = 0.0,
+        level: float = 0.0,
+        relative: float = 0.0,
+        remeshed: bool = False,
+    ) -> Comparison:
+        """How another value differs from this one, as `maquette compare` says it: its verdict, the reasons, and what was measured.
+
+        `max`, `rms`: the largest distance (mm) or difference, and its root mean square, that are allowed. `normals`: the largest angle, in
+        degrees. `attributes`: the largest difference of each, by name. `differing`: the share of pixels that may differ. `level`: the
+        difference of a color channel that does not count, 0 to 255. `relative`: the same of numbers, as a share. `remeshed`: whether a mesh
+        may have other faces.
+        """
+        if not isinstance(other, Value):
+            raise TypeError(f"expected a value to compare with, found a {type(other).__name__}")
+        told = self._native.compare(
+            other._native, max, rms, normals, dict(attributes or {}), differing, level, relative, remeshed
+        )
+        return Comparison(told["verdict"], told["reasons"], {measure.pop("name"): measure for measure in told["measures"]})
+
+    def _picture(self) -> Optional[bytes]:
+        """Its picture for notebooks, a PNG file."""
         picture = self._native.render((480, 360), *LOOK)
-        return picture.files("it.png")[0][1] if picture else None
+        return picture.files("it.png")[0][0][1] if picture else None
 
     def _repr_html_(self) -> str:
-        """Its picture, facts and columns, for notebooks."""
+        """Its picture, small, with facts and columns, for notebooks."""
         from ._show import value_html
 
         return value_html(self)
@@ -288,11 +358,12 @@ class _Attributes(Mapping[str, "NDArray[Any]"]):
 class Mesh(Value):
     """Vertices, and faces of three or more corners, with attributes and a texture.
 
-    `vertices`: (n, 3), in mm; or anything with `.vertices` and `.faces` or `.triangles`, as meshes of trimesh and Open3D.
+    `vertices`: (n, 3), in mm; or a mesh as a whole: of trimesh, Open3D or PyVista with all that it has, or anything with `.vertices` and `.faces`.
     `faces`: (m, corners) numbers of vertices from 0, or a list of lists where faces have several sizes; counterclockwise from outside.
     `uv`: (n, 2) for vertices, or as many as faces have corners. `texture`: a picture, (rows, columns, 3).
-    Further attributes: `Mesh(v, f, heat=..)` of vertices, (n,) to (n, 3); those of corners and faces in dicts of their own. Whole numbers are
-    indices, bools are flags, (n, 3) of uint8 are colors, and all else is numbers.
+    Further attributes: `Mesh(v, f, heat=..)` of vertices, (n,) to (n, 3); those of corners and faces in dicts of their own. Integers are
+    ids from 0 to 4294967295, bools are flags, (n, 3) of uint8 are colors, and all else is numbers. `color` may be of floats from 0 to 1, too.
+    `like`: a mesh whose frame, creases and camera this one has.
 
     Raises ValueError that says which number or corner is wrong.
     """
@@ -309,44 +380,81 @@ class Mesh(Value):
         texture: Any = None,
         corner_attributes: Optional[Mapping[str, ArrayLike]] = None,
         face_attributes: Optional[Mapping[str, ArrayLike]] = None,
+        like: Optional[Mesh] = None,
         **attributes: ArrayLike,
     ) -> None:
-        import numpy as np
-
+        parts: Dict[str, _AnyPart] = {}
+        if like is not None:
+            parts = {name: part for name, part in like.parts.items() if part.on in ("whole", "edge") and name != "texture size"}
         if faces is None:
-            whole = vertices
-            faces = getattr(whole, "faces", None)
-            faces = getattr(whole, "triangles", None) if faces is None else faces
-            vertices = getattr(whole, "vertices", None)
-            if vertices is None or faces is None:
-                kind = type(whole).__name__
-                raise TypeError(f"a mesh needs vertices and faces, or something that has both; {kind} has not")
-        vertices = np.asarray(vertices, dtype=np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise ValueError(f"vertices are (n, 3), not {vertices.shape}")
-        parts: Dict[str, Tuple[str, Any]] = {"position": ("vertex", vertices)}
-        corners = _faces(faces)
-        if isinstance(corners, tuple):
-            parts["sides"], parts["corners"] = ("face", corners[0]), ("corner", corners[1])
-            n_corners = len(corners[1])
+            from . import _peers
+
+            parts.update(_peers.parts_of_mesh(vertices))
         else:
-            parts["corners"], n_corners = ("face", corners), corners.size
+            parts.update(_vertices_and_faces(vertices, faces))
         if uv is not None:
-            uv = np.asarray(uv, dtype=np.float64)
-            if len(uv) not in (len(vertices), n_corners):
-                raise ValueError(
-                    f"uv has {len(uv)} places, where there are {len(vertices)} vertices and {n_corners} corners"
-                )
-            at_vertices = len(uv) == len(vertices)
-            parts["uv" if at_vertices else "corner uv"] = ("vertex" if at_vertices else "corner", uv)
-        parts.update({name: ("vertex", array) for name, array in attributes.items()})
-        parts.update({f"corner {name}": ("corner", it) for name, it in (corner_attributes or {}).items()})
-        parts.update({f"face {name}": ("face", array) for name, array in (face_attributes or {}).items()})
+            parts.update(_uv(uv, parts))
         if texture is not None:
-            pixels = texture.pixels if isinstance(texture, Image) else _pixels(texture)
-            parts["texture"] = ("texel", pixels.reshape(-1, 3))
-            parts["texture size"] = ("whole", np.array([[pixels.shape[1], pixels.shape[0]]], dtype=np.float64))
+            parts.update(_pictures.texture_parts(texture))
+        parts.update(_attributes("vertex", attributes))
+        parts.update(_attributes("corner", corner_attributes))
+        parts.update(_attributes("face", face_attributes))
         self._make(parts)
+
+    def replace(
+        self,
+        vertices: Any = None,
+        faces: Any = None,
+        *,
+        uv: Any = ...,
+        texture: Any = ...,
+        corner_attributes: Optional[Mapping[str, Optional[ArrayLike]]] = None,
+        face_attributes: Optional[Mapping[str, Optional[ArrayLike]]] = None,
+        **attributes: Optional[ArrayLike],
+    ) -> Mesh:
+        """The same mesh with other vertices, faces, texture or attributes, as `Mesh` takes them: all else stays, the frame of a capture, too.
+        What is None is taken away: `mesh.replace(mesh.vertices * 2, heat=None)`.
+
+        Raises ValueError where what stays does not fit, as attributes of faces that were replaced.
+        """
+        parts: Dict[str, _AnyPart] = dict(self.parts)
+        if vertices is not None:
+            parts["position"] = ("vertex", _arrays.positions("vertices", vertices))
+        if faces is not None:
+            parts.update(_faces(faces))
+        if uv is not ...:
+            parts.update({"uv": ("vertex", None), "corner uv": ("corner", None)})
+            parts.update({} if uv is None else _uv(uv, parts))
+        if texture is not ...:
+            parts.update(_pictures.texture_parts(texture))
+        parts.update(_attributes("vertex", attributes))
+        parts.update(_attributes("corner", corner_attributes))
+        parts.update(_attributes("face", face_attributes))
+        mesh = Mesh.__new__(Mesh)
+        mesh._make(parts)
+        return mesh
+
+    def to_trimesh(self) -> Any:
+        """The mesh as a `trimesh.Trimesh` in mm, with all that it has: `Mesh` of it is this mesh again, but for faces of more corners, which are
+        triangles then. trimesh must be installed."""
+        from . import _peers
+
+        return _peers.to_trimesh(self)
+
+    def to_open3d(self, *, legacy: bool = False) -> Any:
+        """The mesh as an `open3d.t.geometry.TriangleMesh` with its attributes and texture, or as an `open3d.geometry.TriangleMesh`, which has fewer
+        of them. What Open3D has no place for is a warning; `Mesh(theirs, like=mesh)` takes the frame of a capture and creases from here.
+        Open3D must be installed."""
+        from . import _peers
+
+        return _peers.to_open3d(self, legacy)
+
+    def to_pyvista(self) -> Any:
+        """The mesh as a `pyvista.PolyData` with all that it has: `Mesh` of it is this mesh again. `mesh.texture.pixels` is what
+        `pyvista.Texture` takes. PyVista must be installed."""
+        from . import _peers
+
+        return _peers.to_pyvista(self)
 
     @property
     def vertices(self) -> _Floats:
@@ -380,7 +488,7 @@ class Mesh(Value):
         if sides is None:
             corners = self._array("corners")
             return np.arange(len(corners) + 1) * (corners.shape[1] if corners.ndim == 2 else 1)
-        return np.concatenate([[0], np.cumsum(sides)])
+        return np.concatenate([[0], np.cumsum(sides, dtype=np.int64)])
 
     @property
     def triangles(self) -> _Indices:
@@ -422,6 +530,55 @@ class Mesh(Value):
         return _Attributes(self, "face", ("corners", "sides"))
 
     @property
+    def bounds(self) -> Optional[_Floats]:
+        """The lowest and the highest coordinates, (2, 3), in mm; None without vertices."""
+        import numpy as np
+
+        vertices = self.vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)]) if len(vertices) else None
+
+    @property
+    def area(self) -> float:
+        """The area of its faces, in mm²."""
+        import numpy as np
+
+        a, b, c = self._triangle_corners()
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    @property
+    def volume(self) -> float:
+        """What its faces enclose, in mm³; negative if they are clockwise from outside, and without a meaning if the mesh is open."""
+        import numpy as np
+
+        a, b, c = self._triangle_corners()
+        origin = a[:1]
+        return float(np.einsum("ij,ij->", a - origin, np.cross(b - origin, c - origin)) / 6)
+
+    def _triangle_corners(self) -> Tuple[_Floats, _Floats, _Floats]:
+        """The first, second and third corners of its triangles."""
+        vertices, triangles = self.vertices, self.triangles
+        return vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
+
+    @property
+    def vertex_normals(self) -> _Floats:
+        """A unit vector for each vertex, (n, 3): the mean direction of its faces by area, whatever its attribute `normal` says."""
+        import numpy as np
+
+        return np.asarray(self._native.normals())
+
+    @property
+    def face_normals(self) -> _Floats:
+        """A unit vector for each face, (m, 3), out of its counterclockwise side; 0 where a face has no area."""
+        import numpy as np
+
+        a, b, c = self._triangle_corners()
+        of_face = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets) - 2)
+        vectors = np.zeros((len(self.offsets) - 1, 3))
+        np.add.at(vectors, of_face, np.cross(b - a, c - a))
+        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+
+    @property
     def uv(self) -> Optional[_Floats]:
         """Places in the texture, (n, 2) for vertices or (corners, 2), from the lower left; None if there are none."""
         array: Optional[_Floats] = self._array_if_any("uv")
@@ -430,29 +587,29 @@ class Mesh(Value):
     @property
     def texture(self) -> Optional[Image]:
         """The picture on it; None if there is none."""
-        pixels, size = self._array_if_any("texture"), self._array_if_any("texture size")
-        if pixels is None or size is None:
-            return None
-        columns, rows = (int(side) for side in size.reshape(-1))
-        return Image(pixels.reshape(rows, columns, 3))
+        return _pictures.texture_of(self.parts)
 
 
 class Points(Value):
-    """Points in space. `positions`: (n, 3), in mm; attributes as keywords, `Points(p, normal=..)`.
+    """Points in space. `positions`: (n, 3), in mm; attributes as keywords, `Points(p, normal=..)`, as those of `Mesh`.
 
-    Takes anything with `.points` or `.vertices`, too, as clouds of Open3D and trimesh.
+    Takes clouds of trimesh, Open3D and PyVista with all that they have, too, and anything with `.points` or `.vertices`.
     """
 
     __slots__ = ()
     KIND = "Points"
 
     def __init__(self, positions: Any, **attributes: ArrayLike) -> None:
-        import numpy as np
+        from . import _peers
 
-        for name in ("points", "vertices"):
-            positions = getattr(positions, name, positions)
-        parts = {name: ("point", array) for name, array in attributes.items()}
-        self._make({"position": ("point", np.asarray(positions, dtype=np.float64)), **parts})
+        parts = _peers.parts_of_points(positions)
+        parts.update(_attributes("point", attributes))
+        self._make(parts)
+
+    @staticmethod
+    def _positions(given: Any) -> Dict[str, _AnyPart]:
+        """The column of points without attributes."""
+        return {"position": ("point", _arrays.positions("positions", given))}
 
     @property
     def positions(self) -> _Floats:
@@ -467,13 +624,14 @@ class Points(Value):
 
 
 class Image(Value):
-    """A picture. `pixels`: (rows, columns, 3), sRGB from 0 to 255, or a picture of Pillow."""
+    """A picture. `pixels`: (rows, columns, 3) of uint8 or uint16, sRGB from 0 to 255 or 65535, or a picture of Pillow. As in files, 16 bits are
+    cut to the upper 8 and alpha is dropped."""
 
     __slots__ = ()
     KIND = "Image"
 
     def __init__(self, pixels: Any) -> None:
-        self._make({"color": ("pixel", _pixels(pixels))})
+        self._make({"color": ("pixel", _pictures.pixels_of(pixels))})
 
     @property
     def pixels(self) -> _Bytes:
@@ -481,8 +639,9 @@ class Image(Value):
         array: _Bytes = self._array("color")
         return array
 
-    def _repr_png_(self) -> Optional[bytes]:
-        return self.to_bytes("png")
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
+        """Its pixels, for NumPy and what takes arrays, such as `plt.imshow`."""
+        return _array_for(self.pixels, dtype, copy)
 
 
 class Mask(Value):
@@ -492,9 +651,7 @@ class Mask(Value):
     KIND = "Mask"
 
     def __init__(self, inside: ArrayLike) -> None:
-        import numpy as np
-
-        self._make({"inside": ("pixel", np.asarray(inside))})
+        self._make({"inside": ("pixel", _grid("inside", inside, None))})
 
     @property
     def inside(self) -> _Flags:
@@ -504,15 +661,22 @@ class Mask(Value):
         array: _Flags = self._array("inside").view(np.bool_)
         return array
 
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
+        """Whether each pixel belongs to it, for NumPy and what takes arrays."""
+        return _array_for(self.inside, dtype, copy)
+
 
 class Field(Value):
-    """A number for each pixel. `numbers`: (rows, columns); NaN where there is none."""
+    """A number for each pixel. `numbers`: (rows, columns), kept in single precision; NaN or masked where there is none.
+
+    Floats that are rounded are a warning, integers that would be are refused.
+    """
 
     __slots__ = ()
     KIND = "Field"
 
     def __init__(self, numbers: ArrayLike) -> None:
-        self._make({"number": ("pixel", numbers)})
+        self._make({"number": ("pixel", _grid("numbers", _arrays.singles("numbers", numbers), None))})
 
     @property
     def numbers(self) -> NDArray[Any]:
@@ -520,15 +684,30 @@ class Field(Value):
         array: NDArray[Any] = self._array("number")
         return array
 
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
+        """Its numbers, for NumPy and what takes arrays."""
+        return _array_for(self.numbers, dtype, copy)
+
 
 class Labels(Value):
-    """Components of a mask. `label`: (rows, columns), 0 where there is none."""
+    """Components of a mask. `label`: (rows, columns), integers from 0; 0 or masked where there is none.
+
+    They are numbered from 1 in the order in which the rows meet them: other numbers are a warning.
+    """
 
     __slots__ = ()
     KIND = "Labels"
 
     def __init__(self, label: ArrayLike) -> None:
+        label = _grid("label", label, 0)
+        if label.dtype.kind != "f":
+            label = _arrays.ids("label", label)
         self._make({"label": ("pixel", label)})
+        other = self.label != label
+        if other.any():
+            row, column = divmod(int(other.argmax()), label.shape[1])
+            words = f"`label`: {_arrays.place(other)} is {label[row, column]}, kept as {self.label[row, column]}"
+            warnings.warn(f"{words}: components are numbered in the order of rows", stacklevel=2)
 
     @property
     def label(self) -> _Indices:
@@ -536,19 +715,59 @@ class Labels(Value):
         array: _Indices = self._array("label")
         return array
 
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
+        """The component of each pixel, for NumPy and what takes arrays."""
+        return _array_for(self.label, dtype, copy)
+
 
 class RangeImage(Value):
-    """A grid of points as a sensor saw them. `points`: (rows, columns, 3), in mm, NaN where there is none; z away from the sensor.
+    """A grid of points as a sensor saw them. `points`: (rows, columns, 3), in mm, NaN or masked where there is none; z away from the sensor, y down.
 
-    `color`: (rows, columns, 3), sRGB from 0 to 255.
+    `points` may be depths, too, (rows, columns), in mm, 0 where there is none: then `camera` says how they lie. `color`: (rows, columns, 3), sRGB
+    from 0 to 255. `camera`: its focal lengths and principal point in pixels, (fx, fy, cx, cy), pixel centers at integers.
     """
 
     __slots__ = ()
     KIND = "RangeImage"
 
-    def __init__(self, points: ArrayLike, color: Any = None) -> None:
-        color = None if color is None else _pixels(color)
-        self._make({"point": ("pixel", points), "color": ("pixel", color)})
+    def __init__(self, points: ArrayLike, color: Any = None, *, camera: Optional[Sequence[float]] = None) -> None:
+        pinhole = None if camera is None else _arrays.reals("camera", camera, (4,), "(fx, fy, cx, cy)")
+        if pinhole is not None and not (pinhole[:2] > 0).all():
+            raise ValueError(f"the focal lengths of `camera` are {pinhole[0]} and {pinhole[1]}; expected numbers greater than 0")
+        grid = _arrays.numbers("points", points, missing=float("nan"))
+        if grid.ndim == 2:
+            grid = _unprojected(grid, pinhole)
+        grid = _arrays.reals("points", grid, (None, None, 3), "(rows, columns, 3), or (rows, columns) of depths")
+        parts: Dict[str, _AnyPart] = {"point": ("pixel", grid)}
+        if color is not None:
+            pixels = _pictures.pixels_of(color)
+            if pixels.shape[:2] != grid.shape[:2]:
+                raise ValueError(f"`color` has {pixels.shape[:2]} rows and columns, where `points` has {grid.shape[:2]}")
+            parts["color"] = ("pixel", pixels)
+        if pinhole is not None:
+            parts["camera"] = ("whole", pinhole.reshape(1, 4))
+        self._make(parts)
+
+    def replace(self, points: Optional[ArrayLike] = None, *, color: Any = ...) -> RangeImage:
+        """The same range image with other points or colors of as many rows and columns: camera, pose and all else stay."""
+        parts: Dict[str, _AnyPart] = dict(self.parts)
+        if points is not None:
+            grid = _arrays.reals("points", points, (None, None, 3), "(rows, columns, 3)", missing=True)
+            parts["point"] = ("pixel", grid)
+        if color is not ...:
+            parts["color"] = ("pixel", None if color is None else _pictures.pixels_of(color))
+        image = RangeImage.__new__(RangeImage)
+        image._make(parts)
+        return image
+
+    @property
+    def camera(self) -> Optional[Tuple[float, float, float, float]]:
+        """Its focal lengths and principal point in pixels, (fx, fy, cx, cy); None if they are not known."""
+        array = self._array_if_any("camera")
+        if array is None:
+            return None
+        fx, fy, cx, cy = array.reshape(-1).tolist()
+        return fx, fy, cx, cy
 
     @property
     def points(self) -> _Floats:
@@ -605,7 +824,11 @@ class Curve(Value):
         degree: int = 3,
         weights: Optional[ArrayLike] = None,
     ) -> None:
-        parts = {"point": ("point", points), "knots": ("entry", knots), "weight": ("point", weights)}
+        parts: Dict[str, _AnyPart] = {"point": ("point", _arrays.positions("points", points))}
+        if knots is not None:
+            parts["knots"] = ("entry", _row("knots", knots))
+        if weights is not None:
+            parts["weight"] = ("point", _row("weights", weights))
         self._make(parts, {"closed": closed, **({} if knots is None else {"degree of knots": degree})})
 
     @property
@@ -671,7 +894,7 @@ class Surface(_Net):
         rows, columns = facts["control points"]
         knots_u = _clamped(rows, degree[0]) if knots_u is None else knots_u
         knots_v = _clamped(columns, degree[1]) if knots_v is None else knots_v
-        parts.update({"knots u": ("entry", knots_u), "knots v": ("entry", knots_v)})
+        parts.update({"knots u": ("entry", _row("knots_u", knots_u)), "knots v": ("entry", _row("knots_v", knots_v))})
         self._make(parts, {**facts, "degree of knots u": degree[0], "degree of knots v": degree[1]})
 
     @property
@@ -687,7 +910,7 @@ class KnotVector(Value):
     KIND = "KnotVector"
 
     def __init__(self, knots: ArrayLike, degree: int = 3) -> None:
-        self._make({"knots": ("entry", knots)}, {"degree of knots": degree})
+        self._make({"knots": ("entry", _row("knots", knots))}, {"degree of knots": degree})
 
     @property
     def knots(self) -> _Floats:
@@ -715,8 +938,13 @@ class Handles(Value):
         weight: Optional[ArrayLike] = None,
         space: str = "Box",
     ) -> None:
-        parts = {"at": at, "to": to, "sigma": sigma, "weight": weight}
-        self._make({name: ("point", array) for name, array in parts.items()}, {"space": space})
+        parts: Dict[str, _AnyPart] = {"at": ("point", _arrays.positions("at", at))}
+        for name, array in (("to", to), ("sigma", sigma)):
+            if array is not None:
+                parts[name] = ("point", _arrays.positions(name, array))
+        if weight is not None:
+            parts["weight"] = ("point", _row("weight", weight))
+        self._make(parts, {"space": space})
 
     @property
     def at(self) -> _Floats:
@@ -740,7 +968,7 @@ class Direction(Value):
     def __init__(self, vector: ArrayLike) -> None:
         import numpy as np
 
-        vector = np.asarray(vector, dtype=np.float64).reshape(1, -1)
+        vector = _arrays.reals("vector", vector, (3,), "three numbers").reshape(1, 3)
         length = np.linalg.norm(vector)
         self._make({"direction": ("whole", vector / length if length > 0 else vector)})
 
@@ -821,83 +1049,94 @@ def value_of(kind: str, given: Any) -> Value:
     return made(**given) if isinstance(given, dict) else made(given)  # type: ignore[call-arg]
 
 
-def _numbers(name: str, numbers: Any) -> Tuple[NDArray[Any], str]:
-    """An array without gaps of one of the kinds of numbers that columns have, and what such numbers mean."""
+_OWN_PARTS = ("position", "corners", "sides", "creases", "frame", "pose", "point", "texture size", *_pictures.TEXTURE_PARTS)
+"""Names of columns that are no attributes."""
+
+
+def _attributes(on: str, given: Optional[Mapping[str, Any]]) -> Dict[str, _AnyPart]:
+    """The columns for attributes of these elements, by the names of columns; those that are None are to be taken away."""
+    prefix = "" if on in ("vertex", "point") else on + " "
+    parts: Dict[str, _AnyPart] = {}
+    if given is not None and not isinstance(given, Mapping):
+        raise TypeError(f"`{on}_attributes` is a {type(given).__name__}; expected a dict of arrays by name")
+    for name, array in (given or {}).items():
+        if not isinstance(name, str):
+            raise TypeError(f"the name of an attribute is a {type(name).__name__}; expected a str")
+        if name in _OWN_PARTS or name.startswith(("corner ", "face ")):
+            raise ValueError(f"no attribute is called `{name}`, which means something else; give it another name")
+        if array is None:
+            parts[prefix + name] = (on, None)
+        else:
+            numbers, meaning = _arrays.attribute(name, array)
+            parts[prefix + name] = Part(prefix + name, on, meaning, numbers)
+    return parts
+
+
+def _vertices_and_faces(vertices: Any, faces: Any) -> Dict[str, _AnyPart]:
+    """The columns of a mesh without attributes."""
+    return {"position": ("vertex", _arrays.positions("vertices", vertices)), **_faces(faces)}
+
+
+def _faces(faces: Any) -> Dict[str, _AnyPart]:
+    """The columns for faces."""
+    corners = _arrays.faces(faces)
+    if isinstance(corners, tuple):
+        return {"sides": ("face", corners[0]), "corners": ("corner", corners[1])}
+    return {"sides": ("face", None), "corners": ("face", corners)}
+
+
+def _uv(uv: Any, parts: Mapping[str, _AnyPart]) -> Dict[str, _AnyPart]:
+    """The column for places in the texture: of vertices, if there are as many, else of corners."""
+    array = _arrays.reals("uv", uv, (None, 2), "(n, 2)")
+    n_vertices, n_corners = len(_array_of(parts["position"])), _array_of(parts["corners"]).size
+    if len(array) not in (n_vertices, n_corners):
+        raise ValueError(f"uv has {len(array)} places, where there are {n_vertices} vertices and {n_corners} corners")
+    if len(array) == n_vertices:
+        return {"uv": ("vertex", array), "corner uv": ("corner", None)}
+    return {"corner uv": ("corner", array), "uv": ("vertex", None)}
+
+
+def _array_of(part: _AnyPart) -> Any:
+    return part.array if isinstance(part, Part) else part[1]
+
+
+def _grid(name: str, given: Any, missing: Optional[float]) -> NDArray[Any]:
+    """Numbers of pixels, (rows, columns)."""
+    array = _arrays.numbers(name, given, missing=missing)
+    if array.ndim != 2:
+        raise ValueError(f"`{name}` is (rows, columns), not {array.shape}")
+    return array
+
+
+def _row(name: str, given: Any) -> _Floats:
+    return _arrays.reals(name, given, (None,), "(n,)")
+
+
+def _unprojected(depth: NDArray[Any], camera: Optional[_Floats]) -> _Floats:
+    """The points at these depths, which a camera saw."""
     import numpy as np
 
-    array, meaning = np.asarray(numbers), "number"
-    kind = array.dtype
-    if kind.kind == "b":
-        array, meaning = array.astype(np.uint8), "exact"
-    elif kind == np.uint8 and array.ndim > 1 and array.shape[-1] == 3:
-        meaning = "level"
-    elif kind.kind in "iu" and kind != np.uint32:
-        fits = array.size == 0 or (array.min() >= 0 and array.max() < 2**32)
-        array = array.astype(np.uint32 if fits else np.float64)
-    elif kind.kind == "f" and kind != np.float32:
-        array = array.astype(np.float64, copy=False)
-    elif kind.kind not in "uf":
-        raise ValueError(f"the part `{name}` holds {kind}, which is no kind of numbers")
-    if array.dtype == np.uint32:
-        meaning = "index"
-    return np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="), copy=False)), meaning
-
-
-def _faces(faces: Any) -> Any:
-    """(m, corners), or the numbers of corners and all corners where faces have several sizes."""
-    import numpy as np
-
-    if not isinstance(faces, np.ndarray) and hasattr(faces, "__iter__") and not hasattr(faces, "__array__"):
-        lists = [list(face) for face in faces]
-        if len({len(face) for face in lists}) > 1:
-            sides = np.array([len(face) for face in lists], dtype=np.uint32)
-            return sides, _indices([corner for face in lists for corner in face])
-        faces = np.array(lists) if lists else np.empty((0, 3), dtype=np.uint32)
-    corners = _indices(faces)
-    if corners.ndim != 2:
-        raise ValueError(f"faces are (m, corners of a face) or lists of corners, not {corners.shape}")
-    return corners
-
-
-def _indices(numbers: Any) -> _Indices:
-    import numpy as np
-
-    array = np.asarray(numbers)
-    if array.dtype.kind == "f" and array.size == 0:
-        array = array.astype(np.uint32)
-    if array.dtype.kind not in "iu":
-        raise ValueError(f"corners of faces are numbers of vertices, not {array.dtype}")
-    if array.size and (array.min() < 0 or array.max() >= 2**32):
-        at = np.argmax((array < 0) | (array >= 2**32))
-        raise ValueError(f"corner {at} of the faces is {array.reshape(-1)[at]}, which is no vertex")
-    return array.astype(np.uint32, copy=False)
-
-
-def _pixels(picture: Any) -> _Bytes:
-    """A picture as (rows, columns, 3) bytes."""
-    import numpy as np
-
-    if hasattr(picture, "convert"):
-        picture = picture.convert("RGB")
-    pixels = np.asarray(picture)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        raise ValueError(
-            f"a picture is (rows, columns, 3) of uint8, sRGB from 0 to 255, not {pixels.shape} of {pixels.dtype}"
-        )
-    return pixels
+    if camera is None:
+        raise ValueError("`points` is (rows, columns): depths need camera=(fx, fy, cx, cy), in pixels")
+    if depth.dtype.kind == "b":
+        raise ValueError("`points` holds bools; expected depths")
+    z = depth.astype(np.float64)
+    if (z < 0).any():
+        raise ValueError(f"`points`: {_arrays.place(z < 0)} is {z[z < 0][0]}; depths are not negative")
+    z[z == 0] = np.nan
+    fx, fy, cx, cy = camera
+    rows, columns = np.arange(z.shape[0])[:, None], np.arange(z.shape[1])
+    return np.stack([(columns - cx) / fx * z, (rows - cy) / fy * z, z], axis=-1)
 
 
 def _net(points: ArrayLike, weights: Optional[ArrayLike]) -> Tuple[Dict[str, Any], Dict[str, Any]]:
     """The parts and facts of a control net."""
-    import numpy as np
-
-    points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(f"control points are (rows, columns, 3), not {points.shape}")
+    points = _arrays.reals("points", points, (None, None, 3), "(rows, columns, 3)")
     parts: Dict[str, Any] = {"point": ("point", points.reshape(-1, 3))}
     if weights is not None:
-        parts["weight"] = ("point", np.asarray(weights, dtype=np.float64).reshape(-1))
-    return parts, {"control points": points.shape[:2]}
+        rows, columns, _ = points.shape
+        parts["weight"] = ("point", _arrays.reals("weights", weights, (rows, columns), f"({rows}, {columns})").reshape(-1))
+    return parts, {"control points": (points.shape[0], points.shape[1])}
 
 
 def _clamped(points: int, degree: int) -> _Floats:

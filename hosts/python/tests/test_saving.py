@@ -1,0 +1,96 @@
+"""`save` and `to_bytes` say and write what `maquette run` does; errors have the class and code that Python's own have."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pathlib
+import re
+import subprocess
+import warnings
+from typing import Any, Callable, Dict, List
+
+import numpy as np
+import pytest
+
+import maquette
+
+pytestmark = pytest.mark.every_change
+
+V = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], dtype=float)
+F = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+PICTURE = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+ENDINGS = ["glb", "ply", "obj", "stl", "3mf"]
+MESHES: Dict[str, maquette.Mesh] = {
+    "closed": maquette.Mesh(V, F),
+    "open": maquette.Mesh(V, F[:3]),
+    "far": maquette.Mesh(V * 1e-3 + 5e6, F),
+    "rich": maquette.Mesh(V, F, uv=V[:, :2] / 9, texture=PICTURE, heat=[1.0, 2, 3, 4], color=PICTURE[:, 0], face_attributes={"part": [1, 2, 3, 4]}),
+    "one": maquette.Mesh(V[:3], [[0, 1, 2]], corner_attributes={"k": [1.0, 2, 3]}),
+}
+TEXT = 'Graph(format: 1, inputs: {"m": Mesh(doc: "")}, nodes: {"t": Transform(mesh: "m", translate: (0, 0, 0))}, outputs: {"t": "t"})'
+
+
+def told(work: Callable[[], Any]) -> List[str]:
+    """The warnings of something, without the names of files before them."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        work()
+    return sorted(re.sub(r"^(`[^`]*`|/\S+): ", "", str(it.message)) for it in found)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("name", MESHES)
+def test_what_is_saved_has_the_bytes_and_warnings_of_the_command_line(
+    name: str, ending: str, tmp_path: pathlib.Path, program: Callable[..., "subprocess.CompletedProcess[str]"]
+) -> None:
+    # Through a file that holds all.
+    MESHES[name].save(tmp_path / "in.ply")
+    text = f'Graph(format: 1, nodes: {{"m": ReadMesh(path: "in.ply")}}, outputs: {{"o.{ending}": "m"}})'
+    (tmp_path / "g.ron").write_text(text)
+    graph = maquette.load(tmp_path / "g.ron", cache=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = graph.run()
+    mesh = run[f"o.{ending}"]
+    by_write = told(lambda: run.write(tmp_path / "write", provenance=False))
+    assert told(lambda: mesh.save(tmp_path / f"save/o.{ending}")) == by_write
+    files = sorted(os.listdir(tmp_path / "save"))
+    if len(files) == 1:
+        assert told(lambda: mesh.to_bytes(ending)) == by_write
+    done = program("run", str(tmp_path / "g.ron"), "--no-provenance", "--out", str(tmp_path / "program"))
+    assert done.returncode == 0
+    for file in files:
+        contents = {(tmp_path / folder / file).read_bytes() for folder in ("save", "write", "program")}
+        assert len(contents) == 1, file
+
+
+def test_what_is_lost_far_or_open_is_told() -> None:
+    assert any("closed" in it for it in told(lambda: MESHES["open"].to_bytes("stl")))
+    assert any("single" in it or "steps" in it for it in told(lambda: MESHES["far"].to_bytes("ply")))
+    assert any("heat" in it for it in told(lambda: MESHES["rich"].to_bytes("glb")))
+    assert told(lambda: MESHES["closed"].to_bytes("stl")) == []
+
+
+def test_errors_of_files_are_those_of_python(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = MESHES["closed"]
+    for call in (maquette.read, lambda it: maquette.read(str(it)), lambda it: maquette.read(it, maquette.Mesh), maquette.load):
+        with pytest.raises(FileNotFoundError) as missing:
+            call(tmp_path / "nothing.ply")
+        assert missing.value.errno == errno.ENOENT and "nothing.ply" in str(missing.value)
+        with pytest.raises(IsADirectoryError):
+            call(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OSError) as below:
+        mesh.save(tmp_path / "file/it.ply")
+    assert below.value.errno in (errno.ENOTDIR, errno.EEXIST), below.value
+    (tmp_path / "closed.ply").write_text("mine")
+    (tmp_path / "closed.ply").chmod(0o444)
+    with pytest.raises(PermissionError):
+        mesh.save(tmp_path / "closed.ply")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        mesh.save(tmp_path / "folder.ply")
+    with pytest.raises(ValueError, match="ply"):
+        (tmp_path / "bad.ply").write_text("ply\nrubbish")
+        maquette.read(tmp_path / "bad.ply")
