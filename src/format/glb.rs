@@ -6,33 +6,28 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::iter;
-use std::mem::discriminant;
 
-use bytemuck::NoUninit;
 use maquette_node::pack::{Content, FileFormat, NewFile};
 use maquette_node::provenance::{Signature, extras_of_glb, padded};
 use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
-use maquette_value::parallel::*;
-use maquette_value::{
-    Attribute, Column, Material, Mesh, MeshError, Rgb, UvTransform, linear_from_srgb,
-};
-use nalgebra::{Point3, Vector3};
+use maquette_value::{Attribute, Material, Mesh, MeshError};
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::corners::{Split, split};
 use super::left_out;
-use super::rows::{Table, floats, in_pieces, indices};
-use super::{BLOCK, check_mesh, coarse_mesh};
+use super::rows::{Table, in_pieces};
+use super::{check_mesh, coarse_mesh};
 
 mod accessor;
+mod buffers;
 mod gltf;
 mod looks;
 mod material;
 mod read;
 mod scene;
 
+use buffers::{Buffers, Vertices};
 pub use gltf::GltfError;
 pub(crate) use gltf::MeshGltf;
 use looks::Looks;
@@ -220,280 +215,6 @@ fn head(document: String, buffer: usize) -> Result<Vec<u8>, GlbError> {
     Ok(bytes)
 }
 
-/// The vertices of a glTF mesh: those of the mesh, or more where data of corners differ.
-struct Vertices<'a> {
-    mesh: &'a Mesh,
-    split: Option<Split>,
-}
-
-impl<'a> Vertices<'a> {
-    fn new(mesh: &'a Mesh) -> Self {
-        // What differs between corners at a vertex makes several vertices of it.
-        let of_corners = mesh.corner().iter().filter(|(name, attribute)| {
-            let is_known = ["uv", "normal", "color"].contains(name);
-            let other = mesh.vertex().get(name);
-            !matches!(attribute, Attribute::Flag(_))
-                && other
-                    .is_none_or(|other| is_known && discriminant(other) != discriminant(attribute))
-        });
-        let of_corners = Vec::from_iter(of_corners.map(|(_, attribute)| attribute));
-        let same = |a, b| of_corners.iter().all(|attribute| attribute.is_same(a, b));
-        let cut = !mesh.faces().is_empty() && !of_corners.is_empty();
-        Self { mesh, split: cut.then(|| split(mesh, same)) }
-    }
-
-    /// All attributes that are written, those of vertices in place of those of corners.
-    fn attributes(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
-        let mesh = self.mesh;
-        let corners = mesh
-            .corner()
-            .iter()
-            .filter(move |(name, _)| self.split.is_some() && mesh.vertex().get(name).is_none());
-        let all = mesh.vertex().iter().chain(corners);
-        all.filter(|(_, attribute)| !matches!(attribute, Attribute::Flag(_)))
-    }
-
-    fn pairs_names(&self) -> impl Iterator<Item = &'a str> {
-        let pairs = self.attributes().filter(|it| matches!(it.1, Attribute::Pair(_)));
-        pairs.map(|(name, _)| name)
-    }
-
-    /// Those that glTF does not know.
-    fn own(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
-        let sets = looks::coordinate_sets(self);
-        self.attributes().filter(move |(name, attribute)| match attribute {
-            Attribute::Pair(_) => !sets.iter().any(|set| set == name),
-            Attribute::Vector(_) => *name != "normal",
-            Attribute::Color(_) => *name != "color",
-            _ => true,
-        })
-    }
-
-    fn has_colors(&self) -> bool {
-        self.mesh.vertex().colors("color").is_some()
-            || self.split.is_some() && self.mesh.corner().colors("color").is_some()
-    }
-
-    /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
-    fn gather<T: Copy + Send + Sync>(
-        &self,
-        per_vertex: Option<&Column<T>>,
-        per_corner: Option<&Column<T>>,
-    ) -> Column<T> {
-        let corners = self.mesh.faces().corners();
-        match (per_vertex, per_corner, &self.split) {
-            (Some(data), _, None) => data.clone(),
-            (Some(data), _, Some(split)) => {
-                let vertices = split.corners.iter().map(|&corner| corners[corner as usize]);
-                vertices.map(|vertex| data[vertex as usize]).collect()
-            }
-            (None, Some(data), Some(split)) => {
-                split.corners.iter().map(|&corner| data[corner as usize]).collect()
-            }
-            _ => unreachable!("data are asked for only where there are some"),
-        }
-    }
-
-    /// The data of an own attribute: of vertices if there are as many.
-    fn gather_own<T: Copy + Send + Sync>(&self, data: &Column<T>, on_vertices: bool) -> Column<T> {
-        if on_vertices { self.gather(Some(data), None) } else { self.gather(None, Some(data)) }
-    }
-}
-
-/// The lowest and highest coordinates of some points, of which there is at least one.
-fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
-    let of = |points: &[Point3<f64>]| {
-        points[1..]
-            .iter()
-            .fold((points[0], points[0]), |(low, high), it| (low.inf(it), high.sup(it)))
-    };
-    let blocks: Vec<_> = points.par_chunks(BLOCK).map(of).collect();
-    type Bounds = (Point3<f64>, Point3<f64>);
-    let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
-    blocks[1..].iter().fold(blocks[0], both)
-}
-
-/// The bytes behind the document, and what says what they are.
-#[derive(Default)]
-struct Buffers<'a> {
-    tables: Vec<Table<'a>>,
-    /// Bytes of all.
-    length: usize,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-}
-
-impl<'a> Buffers<'a> {
-    /// Adds a table, aligned to 4; gives the index of its view.
-    fn view(&mut self, table: Table<'a>, target: Option<u32>) -> usize {
-        self.align();
-        let (offset, length) = (self.length, table.size());
-        let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": length });
-        if let Some(target) = target {
-            view["target"] = target.into();
-        }
-        self.views.push(view);
-        self.add(table);
-        self.views.len() - 1
-    }
-
-    fn add(&mut self, table: Table<'a>) {
-        self.length += table.size();
-        self.tables.push(table);
-    }
-
-    /// Goes on at a multiple of 4.
-    fn align(&mut self) {
-        self.add(Table::of_bytes(vec![0; self.length.next_multiple_of(4) - self.length]));
-    }
-
-    /// Adds an accessor; gives its index.
-    fn accessor(&mut self, accessor: Value) -> usize {
-        self.accessors.push(accessor);
-        self.accessors.len() - 1
-    }
-
-    /// Adds an attribute of vertices; gives the index of its accessor.
-    fn attribute<T: NoUninit + Send + Sync, B: NoUninit>(
-        &mut self,
-        name: &'static str,
-        items: Column<T>,
-        kind: (u32, &str),
-        entry: impl Fn(&T) -> B + Send + Sync + 'a,
-    ) -> usize {
-        let count = items.len();
-        let view = self.view(Table::of_column(name, items, entry), Some(ARRAY_BUFFER));
-        self.accessor(json!({
-            "bufferView": view, "componentType": kind.0, "type": kind.1, "count": count,
-        }))
-    }
-
-    fn positions(&mut self, vertices: &Vertices<'_>) -> usize {
-        let points = vertices.gather(Some(vertices.mesh.positions()), None);
-        let known = vertices.split.is_none().then(|| vertices.mesh.known_bounds()).flatten();
-        let (low, high) = known.unwrap_or_else(|| bounds(&points));
-        let entry = |point: &Point3<f64>| floats(point.coords.into());
-        let accessor = self.attribute("position", points, (FLOAT, "VEC3"), entry);
-        self.accessors[accessor]["min"] = json!(low.cast::<f32>().coords.as_slice());
-        self.accessors[accessor]["max"] = json!(high.cast::<f32>().coords.as_slice());
-        accessor
-    }
-
-    /// Gives also what has been found for it.
-    fn normals(&mut self, vertices: &Vertices<'_>) -> (usize, Option<Column<[f32; 3]>>) {
-        let mesh = vertices.mesh;
-        let per_vertex = mesh.vertex().vectors("normal");
-        let per_corner = mesh.corner().vectors("normal").filter(|_| per_vertex.is_none());
-        if per_vertex.or(per_corner).is_none() {
-            let normals = mesh.single_normals();
-            let entry = |&normal: &[f32; 3]| match normal {
-                // glTF has unit normals only; a vertex of no face gets any.
-                [0.0, 0.0, 0.0] => [0.0, 0.0, 1.0].map(f32::to_le_bytes),
-                unit => unit.map(f32::to_le_bytes),
-            };
-            let all = vertices.gather(Some(&normals), None);
-            return (self.attribute("seen normal", all, (FLOAT, "VEC3"), entry), Some(normals));
-        }
-        let normals = vertices.gather(per_vertex, per_corner);
-        let accessor = self.attribute("normal", normals, (FLOAT, "VEC3"), |&normal| {
-            let unit = Vector3::from(normal).try_normalize(0.0).filter(|unit| unit.x.is_finite());
-            floats(unit.unwrap_or(Vector3::z()).into())
-        });
-        (accessor, None)
-    }
-
-    /// The texture coordinates of an attribute as they were before they were moved.
-    fn uv(&mut self, vertices: &Vertices<'_>, name: &str, by: UvTransform) -> usize {
-        let mesh = vertices.mesh;
-        let uv = vertices.gather(mesh.vertex().pairs(name), mesh.corner().pairs(name));
-        // In glTF (0, 0) is the picture's upper left corner.
-        let entry = |&[s, t]: &[f64; 2]| floats([s, 1.0 - t]);
-        if by == UvTransform::default() {
-            return self.attribute("uv", uv, (FLOAT, "VEC2"), entry);
-        }
-        let undone = uv.iter().map(|&[s, t]| by.undo([s, 1.0 - t])).collect();
-        self.attribute("moved uv", undone, (FLOAT, "VEC2"), |&uv| floats(uv))
-    }
-
-    /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
-    fn colors(&mut self, vertices: &Vertices<'_>) -> usize {
-        let mesh = vertices.mesh;
-        let colors = vertices.gather(mesh.vertex().colors("color"), mesh.corner().colors("color"));
-        let accessor = self.attribute("color", colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
-            let [red, green, blue] =
-                color.map(|channel| (linear_from_srgb(channel) * 65535.0).round() as u16);
-            [red, green, blue, u16::MAX].map(u16::to_le_bytes)
-        });
-        self.accessors[accessor]["normalized"] = true.into();
-        accessor
-    }
-
-    /// An attribute that glTF does not know. Whole numbers have 16 bits or are single precision: glTF allows no larger ones there.
-    fn own(&mut self, vertices: &Vertices<'_>, name: &str, attribute: &Attribute) -> usize {
-        let on_vertices = vertices.mesh.vertex().get(name).is_some();
-        match attribute {
-            Attribute::Number(own) => {
-                let all = vertices.gather_own(own, on_vertices);
-                self.attribute("own number", all, (FLOAT, "SCALAR"), |&x| floats([x]))
-            }
-            Attribute::Index(own) if own.iter().all(|&x| x <= u16::MAX.into()) => {
-                let all = vertices.gather_own(own, on_vertices);
-                // Two bytes that fill the row up to four.
-                let entry = |&x: &u32| [(x as u16).to_le_bytes(), [0; 2]];
-                let accessor = self.attribute("own index", all, (UNSIGNED_SHORT, "SCALAR"), entry);
-                self.views.last_mut().expect("that of the accessor")["byteStride"] = 4.into();
-                accessor
-            }
-            Attribute::Index(own) => {
-                let all = vertices.gather_own(own, on_vertices);
-                self.attribute("own large index", all, (FLOAT, "SCALAR"), |&x| floats([x.into()]))
-            }
-            Attribute::Pair(own) => {
-                let all = vertices.gather_own(own, on_vertices);
-                self.attribute("own pair", all, (FLOAT, "VEC2"), |&pair| floats(pair))
-            }
-            Attribute::Vector(own) => {
-                let all = vertices.gather_own(own, on_vertices);
-                self.attribute("own vector", all, (FLOAT, "VEC3"), |&vector| floats(vector))
-            }
-            Attribute::Color(own) => {
-                let all = vertices.gather_own(own, on_vertices);
-                let entry = |&[red, green, blue]: &Rgb| [red, green, blue, u8::MAX];
-                let accessor = self.attribute("own color", all, (UNSIGNED_BYTE, "VEC4"), entry);
-                self.accessors[accessor]["normalized"] = true.into();
-                accessor
-            }
-            Attribute::Flag(_) => unreachable!("flags are not written"),
-        }
-    }
-
-    /// Faces with more than three corners are cut into triangles.
-    fn triangles(&mut self, vertices: Vertices<'_>) -> usize {
-        let faces = vertices.mesh.faces();
-        let table = match (vertices.split, faces.sides()) {
-            // Any stretch of them, as they are.
-            (None, Some(3)) => {
-                Table::of_column("corner", faces.corners().clone(), |&corner| indices([corner]))
-            }
-            (Some(split), Some(3)) => {
-                Table::of_column("corner", split.of_corner.into(), |&corner| indices([corner]))
-            }
-            (split, _) => {
-                let corners = split.as_ref().map_or(&faces.corners()[..], |split| &split.of_corner);
-                let triangles = vertices.mesh.triangle_corners().into_par_iter();
-                let triangles = triangles.map(|it| it.map(|corner| corners[corner as usize]));
-                let triangles: Vec<[u32; 3]> = triangles.collect();
-                Table::of_column("triangle", triangles.into(), |&triangle| indices(triangle))
-            }
-        };
-        let count = table.size() / 4;
-        let view = self.view(table, Some(ELEMENT_ARRAY_BUFFER));
-        self.accessor(json!({
-            "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count,
-        }))
-    }
-}
-
 impl FileReader for MeshGlb {
     type Value = Mesh;
     const ENDINGS: &'static [&'static str] = &["glb"];
@@ -518,6 +239,7 @@ mod tests {
     use maquette_value::{Attribute, CaptureFrame, Faces, Image};
     use nalgebra::Point3;
 
+    use super::super::rows::floats;
     use super::*;
 
     /// A quad beside a triangle.

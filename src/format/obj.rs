@@ -18,6 +18,7 @@ mod curve;
 mod free_form;
 mod looks;
 mod material;
+mod mtl;
 mod write;
 
 pub use curve::read_curve;

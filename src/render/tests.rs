@@ -1,6 +1,6 @@
 use maquette_value::{
-    Attribute, Axes, CaptureFrame, Faces, Image, Layer, Lines, Mesh, PLAIN, Picture, Registration,
-    Rgb, TYPES,
+    Attribute, Axes, CaptureFrame, Faces, Image, Layer, Lines, MATERIAL, Map, MapKind, Material,
+    Mesh, PLAIN, Picture, Registration, Rgb, TYPES, Wrap,
 };
 use nalgebra::Point3;
 
@@ -221,6 +221,40 @@ fn wild_numbers_do_no_harm() {
     let textured = mesh(&triangles[0], &[[0, 1, 2]]).with_vertex("uv", uv).unwrap();
     let image = Image::new(1, 1, vec![GREEN]).unwrap();
     render(&textured.with_texture(Some(image)), &view(9, 9));
+}
+
+#[test]
+fn each_face_shows_the_picture_or_the_color_of_its_material() {
+    let at = |x: f64, y: f64| [x, y, 0.];
+    let places = [at(0., 0.), at(4., 0.), at(8., 0.), at(8., 8.), at(4., 8.), at(0., 8.)];
+    let mesh = mesh(&places, &[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
+    // The picture is green on its left half, and goes on beyond its border.
+    let uv = places.map(|[x, ..]| [x / 4. + 1., 0.5]);
+    let image = Image::new(2, 1, vec![GREEN, RED]).unwrap();
+    let mut skin = Material::of_picture(image);
+    let map = Map { wrap: [Wrap::Repeat; 2], ..Map::new("", vec![]) };
+    skin.maps.insert(MapKind::BaseColor, map);
+    let blue = Material { base_color: [0.0, 0.0, 1.0, 1.0], ..Material::default() };
+    let mesh = mesh.with_vertex("uv", Attribute::Pair(uv.to_vec().into())).unwrap();
+    let numbers = Attribute::Index(vec![0, 0, 1, 1].into());
+    let mesh = mesh.with_face(MATERIAL, numbers).unwrap().with_materials([skin, blue]);
+    let picture = render(&mesh, &view(80, 80));
+    let most = |column: usize| {
+        let [r, g, b] = picture.at([column, 40]);
+        if r > g && r > b {
+            'r'
+        } else if g > b {
+            'g'
+        } else {
+            'b'
+        }
+    };
+    assert_eq!([10, 30, 50, 70].map(most), ['g', 'r', 'b', 'b']);
+    let shapes = Shapes::of(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap();
+    let shape = &shapes.shapes[0];
+    assert_eq!(shape.stretches, [(2, Some(0)), (2, None)]);
+    let corner = shape.triangles[2][1] as usize;
+    assert_eq!(shape.colors.as_ref().unwrap()[corner], [0, 0, 255, 255]);
 }
 
 /// A line from place to place.

@@ -52,3 +52,48 @@ pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, Merge
     };
     Ok(merged.with_materials(materials))
 }
+
+#[cfg(test)]
+mod tests {
+    use maquette_value::{Faces, Image};
+    use nalgebra::Point3;
+
+    use super::super::{Looks, merge};
+    use super::*;
+    use crate::poses::Poses;
+
+    fn triangle(materials: Vec<Material>) -> Mesh {
+        let places = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
+        let mesh = Mesh::new(places, Faces::triangles(vec![[0, 1, 2]])).unwrap();
+        mesh.with_materials(materials)
+    }
+
+    fn named(name: &str, base_color: [f64; 4]) -> Material {
+        Material { name: name.to_owned(), base_color, ..Material::default() }
+    }
+
+    #[test]
+    fn each_mesh_keeps_its_materials() {
+        let uv = || Attribute::Pair(vec![[0.5, 0.25]; 3].into());
+        let picture = Image::new(1, 1, vec![[9, 8, 7]]).unwrap();
+        let skin = Material { name: "skin".to_owned(), ..Material::of_picture(picture) };
+        let red = named("red", [1.0, 0.0, 0.0, 1.0]);
+        let pictured = triangle(vec![skin.clone()]).with_vertex("uv", uv()).unwrap();
+        let bare = triangle(vec![red.clone()]);
+        let unknown = triangle(Vec::new());
+        let all = [&pictured, &bare, &unknown, &bare];
+        assert!(Looks::of(&all) == Looks::Several);
+        let merged = merge(&all, Poses::Auto).unwrap();
+        assert_eq!(merged.materials()[..], [skin, red, Material::default()]);
+        assert_eq!(merged.face_materials().map(|all| all.to_vec()), Some(vec![0, 1, 2, 1]));
+        assert_eq!(
+            merged.corner().pairs("uv").unwrap()[..4],
+            [[0.5, 0.25], [0.5, 0.25], [0.5, 0.25], [0.0, 0.0]]
+        );
+        let colors = merged.vertex().colors("color").unwrap();
+        assert_eq!([0, 3, 6].map(|vertex| colors[vertex]), [[255; 3], [255, 0, 0], [255; 3]]);
+        let again = merge(&[&merged, &bare], Poses::Auto).unwrap();
+        assert_eq!(again.materials().len(), 3);
+        assert_eq!(again.face_materials().map(|all| all.to_vec()), Some(vec![0, 1, 2, 1, 1]));
+    }
+}

@@ -12,7 +12,8 @@ use maquette_value::parallel::*;
 use maquette_value::{Attribute, Column, MATERIAL, Material, Mesh, MeshError, Rgb};
 
 use super::looks::{self, Looks, without_unused};
-use super::material::{Layout, materials, names};
+use super::material::materials;
+use super::mtl::{Layout, names};
 use crate::corners::{split, with_corners};
 use crate::glb::is_extension;
 use crate::left_out;

@@ -215,8 +215,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::Faces;
     use crate::random::Random;
+    use crate::{Attribute, Faces, Image, MATERIAL};
 
     /// A bumpy sheet of triangles or quads.
     fn sheet(width: u32, quads: bool) -> Mesh {
@@ -240,6 +240,27 @@ mod tests {
 
     fn anew(mesh: &Mesh) -> Vec<[f32; 3]> {
         single(&mesh.vertex_normals())
+    }
+
+    #[test]
+    fn vertices_have_the_color_of_the_picture_of_their_faces() {
+        let picture = |color: Rgb| Image::new(1, 1, vec![color]).unwrap();
+        let red = Material::of_picture(picture([255, 0, 0]));
+        let green = Material { base_color: [0.0, 1.0, 0.0, 1.0], ..Material::default() };
+        let mesh = sheet(2, false);
+        assert_eq!(mesh.texture_colors(), None);
+        let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
+        let mesh = mesh.with_vertex("uv", uv).unwrap();
+        let one = mesh.clone().with_materials([red.clone()]);
+        assert_eq!(one.texture_colors().unwrap()[..], [[255, 0, 0]; 4]);
+        // The faces are 0 1 2 and 1 3 2.
+        let numbers = Attribute::Index(vec![0, 1].into());
+        let two = mesh.with_face(MATERIAL, numbers).unwrap().with_materials([red, green]);
+        let colors = two.texture_colors().unwrap();
+        assert_eq!(colors[..], [[255, 0, 0], [0, 255, 0], [0, 255, 0], [0, 255, 0]]);
+        let own = Attribute::Color(vec![[1, 2, 3]; 4].into());
+        let own = two.with_vertex("color", own).unwrap().texture_colors().unwrap();
+        assert_eq!(own[..], [[255, 0, 0], [1, 2, 3], [1, 2, 3], [1, 2, 3]]);
     }
 
     #[test]
