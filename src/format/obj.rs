@@ -23,6 +23,7 @@ mod write;
 
 pub use curve::read_curve;
 pub(super) use free_form::{CurveObj, SurfaceObj};
+pub use material::{Find, materials};
 pub(super) use write::MeshObj;
 
 /// Why bytes are not a mesh in an OBJ file.

@@ -10,12 +10,13 @@ use std::sync::Arc;
 use maquette_value::{Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
 
 use super::mtl::{
-    Layout, MtlMaterial, find_first, find_libraries, is_picture, options, read_materials, spellings,
+    Layout, MtlMaterial, find_first, find_libraries, is_picture, names, options, read_materials,
+    spellings,
 };
 use crate::picture_file;
 
 /// Gives the content of a file by its name, relative to the folder of the OBJ file, or says why it cannot be had.
-pub(super) type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
+pub type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 
 /// The materials that an OBJ file uses.
 #[derive(Default)]
@@ -28,14 +29,15 @@ pub(super) struct Found {
     pub(super) doubts: Vec<String>,
 }
 
+/// The materials that an OBJ file uses, of the files that it names.
+pub fn materials(bytes: &[u8], find: Find<'_>) -> Vec<Material> {
+    let [libraries, used] = names(bytes);
+    named(&libraries, &used, true, find).materials
+}
+
 /// The materials of these names, or of any name if none is given: then the first one with a picture. `libraries` are the rests of lines
 /// `mtllib`. Without texture coordinates, pictures are left out.
-pub(super) fn materials(
-    libraries: &[String],
-    used: &[String],
-    has_uv: bool,
-    find: Find<'_>,
-) -> Found {
+pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: Find<'_>) -> Found {
     let mut found = Found::default();
     let mut all = Vec::new();
     for library in libraries {
@@ -249,7 +251,7 @@ fn is_bump(keyword: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mtl::{Options, names};
+    use super::super::mtl::Options;
     use super::*;
 
     const MESH: &[u8] =
@@ -262,7 +264,7 @@ mod tests {
         let picture = crate::png::encode_rgb(&picture).unwrap();
         let [libraries, mut used] = names(mesh);
         used.dedup();
-        let found = materials(&libraries, &used, true, &mut |name| {
+        let found = named(&libraries, &used, true, &mut |name| {
             asked.push(name.to_owned());
             let file = files.iter().find(|file| file.0 == name);
             let bytes = file.ok_or(format!("there is no file `{name}`"))?.1.as_bytes();
@@ -356,7 +358,7 @@ mod tests {
         let [libraries, used] = names(&mesh);
         let picture = Image::new(1, 1, vec![[9; 3]]).unwrap();
         let picture = crate::png::encode_rgb(&picture).unwrap();
-        let found = materials(&libraries, &used, true, &mut |name| {
+        let found = named(&libraries, &used, true, &mut |name| {
             let file = files.iter().find(|file| file.0 == name).unwrap();
             Ok(if file.1.is_empty() { &picture[..] } else { file.1.as_bytes() }.into())
         });

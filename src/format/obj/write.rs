@@ -12,7 +12,7 @@ use maquette_value::parallel::*;
 use maquette_value::{Attribute, Column, MATERIAL, Material, Mesh, MeshError, Rgb};
 
 use super::looks::{self, Looks, without_unused};
-use super::material::materials;
+use super::material::{materials, named};
 use super::mtl::{Layout, names};
 use crate::corners::{split, with_corners};
 use crate::glb::is_extension;
@@ -278,7 +278,7 @@ impl FileReader for MeshObj {
         notes.into_iter().for_each(|note| file.doubt(note));
         let has_uv = [mesh.vertex(), mesh.corner()].iter().any(|it| it.pairs("uv").is_some());
         let [libraries, _] = names(file.bytes());
-        let found = materials(&libraries, &used, has_uv, &mut |name| file.companion(name));
+        let found = named(&libraries, &used, has_uv, &mut |name| file.companion(name));
         found.doubts.into_iter().for_each(|doubt| file.doubt(doubt));
         let mut all = found.materials;
         let has_several = mesh.face().get(MATERIAL).is_some();
@@ -294,9 +294,7 @@ impl FileReader for MeshObj {
     }
 
     const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
-        let find = &mut |name: &str| file.companion(name);
-        let [libraries, used] = names(file.bytes());
-        materials(&libraries, &used, true, find);
+        drop(materials(file.bytes(), &mut |name| file.companion(name)));
     });
 }
 

@@ -101,7 +101,7 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { name: "obj", read: |bytes| drop(obj::read(bytes)), seeds: &[PATCH] },
     Reader {
         name: "obj_picture",
-        read: |bytes| drop(obj::picture(bytes, &mut |_| Ok(bytes.into()))),
+        read: |bytes| drop(obj::materials(bytes, &mut |_| Ok(bytes.into()))),
         seeds: &[MATERIAL],
     },
     Reader {
