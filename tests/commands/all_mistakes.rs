@@ -97,9 +97,9 @@ fn a_patch_goes_on_behind_syntax_errors() {
         "other.ron",
         "Patch(of: \"doll.ron\", params: { \"lift\": 50.0 }, doc 1)\n",
         &[
-            "6 G001 expected `)`, which closes the `(` at 6:54, found `]`",
             "1 G010 parameter `lift` is 50, but must be at least 0 and at most 40",
             "6 G007 there is no node `hsem`",
+            "6 G001 expected `)`, which closes the `(` at 6:54, found `]`",
             "1 G001 something is missing before this",
         ],
     );
