@@ -176,7 +176,6 @@ fn what_can_only_fail_is_refused_by_the_check() {
             "Loft: a loft has at least 2 columns; the sections have 1",
         ),
         ("Loft(end: (0, 0, 1))", "Loft: expected at least 2 sections, found 1"),
-        ("Loft(curves: [\"curve\"])", "Loft: expected at least 2 sections, found 1"),
         (
             "Loft(sections: [[(0, 0, 0), (1, 0, 0)], [(1, 0, 1)]], columns: 1)",
             "Loft: a loft has at least 2 columns; the sections have 1",
