@@ -78,8 +78,8 @@ impl Node for Loft {
                 "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
             return Err(FieldError::new("", LoftError::Nothing, help));
         }
-        // No surface has such a net.
-        if count == 1 {
+        // No surface has such a net. A link may stand for as many curves as data has parts.
+        if count == 1 && self.curves.is_empty() {
             let message = "expected at least 2 sections, found 1";
             return Err(FieldError::new("", message, "link or write another one, or an `end`"));
         }

@@ -38,6 +38,10 @@ impl Batch<'_> {
     pub(crate) fn write_sheet(&self) -> Result<PathBuf, String> {
         let path = self.out.join("index.html");
         let page = page(self.sweep, self.out, self.options.draft);
+        // Where nothing has changed the folder may be one that can only be read.
+        if plain::read_own(&path).is_ok_and(|there| there == page.as_bytes()) {
+            return Ok(path);
+        }
         let written = self.destination(&Sources::default()).put(&path, page.as_bytes());
         written.map_err(|why| unwritten(&path, &why))?;
         Ok(path)

@@ -112,7 +112,9 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("doc: \"l\"),\n    }", "doc: \"l\"),\n    )")],
         expect![[r#"
-            3:13-14 G001 this `{` is not closed before the `)` at 5:5 (put a `}` where it ends)
+            5:5-6 G001 expected `}`, which closes the `{` at 3:13, found `)` (write `}`)
+            10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
+            10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
         "#]],
     );
     check(
