@@ -1,5 +1,6 @@
 //! What the live page draws itself, in a real browser, beside what `render` draws; and what hands do with it.
 
+use maquette::format::png;
 use maquette::value::Image;
 use serde_json::json;
 
@@ -37,8 +38,8 @@ fn shapes() -> Project {
         "Graph(format: 1, nodes: { \"wave\": ReadMesh(path: \"wave.ply\"), \"points\": ReadPoints(path: \"points.xyz\"), \
          \"curve\": ReadCurve(path: \"curve.obj\"), \"net\": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0), (3, 0, 0)], \
          [(0, 1, 1), (1, 1, 2), (2, 1, 1), (3, 1, 0)], [(0, 2, 0), (1, 2, 1), (2, 2, 0), (3, 2, 1)]]), \
-         \"surface\": Nurbs(net: \"net\") }, outputs: { \"wave.ply\": \"wave\", \"points.ply\": \"points\", \"curve.ply\": \"curve\", \
-         \"surface.ply\": \"surface\" })",
+         \"surface\": Nurbs(net: \"net\"), \"materials\": ReadMesh(path: \"materials.obj\") }, outputs: { \"wave.ply\": \"wave\", \
+         \"points.ply\": \"points\", \"curve.ply\": \"curve\", \"surface.ply\": \"surface\", \"materials.glb\": \"materials\" })",
     );
     let points = (0..400).map(|k| {
         let (x, y) = (k % 20, k / 20);
@@ -55,10 +56,29 @@ fn shapes() -> Project {
     });
     let order = (1..=24).map(|k| format!(" {k}"));
     let curve = format!("{}l{} 1\n", String::from_iter(ring), String::from_iter(order));
-    for (name, text) in
-        [("wave.ply", wave(0.0)), ("points.xyz", String::from_iter(points)), ("curve.obj", curve)]
-    {
-        std::fs::write(project.folder().join(name), text).unwrap();
+    let write = |name: &str, content: &[u8]| {
+        std::fs::write(project.folder().join(name), content).unwrap();
+    };
+    write("wave.ply", wave(0.0).as_bytes());
+    write("points.xyz", String::from_iter(points).as_bytes());
+    write("curve.obj", curve.as_bytes());
+    // Three squares: a picture that goes on beyond its border, a color, and another picture.
+    let squares = "mtllib materials.mtl\nv 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nv 0 1 0\nv 1 1 0\nv 2 1 0\nv 3 1 0\nvt 0.5 0.5\nvt 2.5 0.5\n\
+                   vt 2.5 1.5\nvt 0.5 1.5\nusemtl a\nf 1/1 2/2 6/3 5/4\nusemtl b\nf 2/1 3/2 7/3 6/4\nusemtl c\nf 3/1 4/2 8/3 7/4\n";
+    write("materials.obj", squares.as_bytes());
+    write(
+        "materials.mtl",
+        b"newmtl a\nmap_Kd a.png\nnewmtl b\nKd 0.9 0.2 0.1\nnewmtl c\nmap_Kd c.png\n",
+    );
+    for (name, blue) in [("a.png", 30), ("c.png", 230)] {
+        // What is at one border is at the other one.
+        let level = |k: usize| {
+            let angle = (k as f64 + 0.5) * std::f64::consts::TAU / 64.0;
+            (127.5 + 120.0 * libm::cos(angle)) as u8
+        };
+        let pixels = (0..64 * 64).map(|k| [level(k % 64), level(k / 64), blue]);
+        let image = Image::new(64, 64, pixels.collect::<Vec<_>>()).unwrap();
+        write(name, &png::encode_rgb(&image).unwrap());
     }
     project
 }
@@ -115,6 +135,7 @@ fn colors_points_curves_and_surfaces_are_drawn_as_they_are_rendered() {
     assert_is_as_rendered(&mut seen, "points", "points", THIN);
     assert_is_as_rendered(&mut seen, "curve", "curve", THIN);
     assert_is_as_rendered(&mut seen, "surface", "surface", THIN);
+    assert_is_as_rendered(&mut seen, "materials", "mesh", FACES);
 }
 
 #[test]
