@@ -478,7 +478,7 @@ impl Parser<'_> {
             ">" => Outcome::Truth(a > b),
             ">=" => Outcome::Truth(a >= b),
             "==" => Outcome::Truth(a == b),
-            _ => Outcome::Truth(a < b || a > b),
+            _ => Outcome::Truth(a != b && !a.is_nan() && !b.is_nan()),
         })
     }
 

@@ -23,6 +23,9 @@ pub type InputValues = BTreeMap<String, AnyValue>;
 /// What is known of the values for the inputs of a graph, by their names.
 pub type KnownInputs = BTreeMap<String, KnownInput>;
 
+/// What is read for inputs, by their names, with warnings; or every error.
+pub type InputsOr<T> = Result<(BTreeMap<String, T>, Vec<Problem>), Vec<Problem>>;
+
 /// What is known of a value for an input. What is no value is known for a forecast alone.
 #[derive(Clone, Debug)]
 pub enum KnownInput {
@@ -140,7 +143,7 @@ impl Graph {
             node.recipe = Arc::new(Recipe::new(INPUT, parameters, &[]));
             node.node = Arc::new(Input { name: name.clone(), value });
             if let KnownInput::File(file) = known {
-                node.files = vec![NodeFile { is_unread: true, ..file.clone() }].into();
+                node.files = vec![NodeFile { is_unread: true, ..file.clone() }];
             }
         }
         if !problems.is_empty() {
@@ -181,7 +184,7 @@ impl Graph {
         &self,
         files: &[(String, PathBuf)],
         open: impl Fn(&Path, &'static ValueType) -> Result<(T, Vec<String>), String>,
-    ) -> Result<(BTreeMap<String, T>, Vec<Problem>), Vec<Problem>> {
+    ) -> InputsOr<T> {
         let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
         for (name, path) in files {
             let input = match self.input(name) {

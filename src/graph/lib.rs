@@ -81,7 +81,7 @@ pub use expectation::Expectation;
 pub use expected::Expected;
 pub use flat::{Count, Counts, GraphNode, GraphOutput, GraphUse, Guard, Link, Loop, Wanter};
 pub use graph::{Checked, Graph};
-pub use input::{GraphInput, GraphPort, INPUT, InputValues, KnownInput, KnownInputs};
+pub use input::{GraphInput, GraphPort, INPUT, InputValues, InputsOr, KnownInput, KnownInputs};
 pub use lock::{ENDING as LOCK_ENDING, Lock, Locked, UsedNow, beside as lock_beside, differences};
 pub use options::{Files, Options, ReadFile};
 pub use pins::{Ancestry, ENDING as PINS_ENDING, PINNED, Pin, Pins, bytes_of};

@@ -180,6 +180,7 @@ impl<'t> Brackets<'t> {
 
     /// Closes the brackets from this one on, before what is found in the place of their own closing brackets.
     fn close(&mut self, from: usize, at: usize, found: Option<Span>) {
+        let known = self.wrong.len();
         while from < self.open.len() {
             let Some(open) = self.open.pop() else { return };
             self.edits.push((Span { start: at, end: at }, open.closer().into()));
@@ -187,6 +188,10 @@ impl<'t> Brackets<'t> {
             let part = self.open.last().and_then(|outer| outer.part);
             if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
                 self.doubtful.push(Span { start: part.unwrap_or(open.at.start), end: at });
+            }
+            // A text that is cut off leaves all of them open.
+            if found.is_none() && known < self.wrong.len() {
+                continue;
             }
             let (opener, span) = self.shown(open.at);
             let message = match found.map(|found| self.shown(found)) {

@@ -11,10 +11,6 @@ fn run(fields: &str) -> (Option<Mesh>, Vec<String>) {
         outputs: { "all": "all" }, promises: { "all": [NonEmpty] })"#;
     std::fs::write(folder.path().join("empty.obj"), "v 0 0 0\n").unwrap();
     std::fs::write(folder.path().join("lib.ron"), promising).unwrap();
-    let line = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, nodes: { "it": ReadCurve(path: "line.obj") },
-        outputs: { "line": "it" })"#;
-    std::fs::write(folder.path().join("line.ron"), line).unwrap();
-    std::fs::write(folder.path().join("line.obj"), "v 0 0 0\nv 1 0 0\nl 1 2\n").unwrap();
     let path = folder.path().join("graph.ron");
     std::fs::write(&path, format!("Graph(format: 1, {fields})")).unwrap();
     let checked = Graph::load(&path, &Catalog::new(PACKS), &Options::default());
@@ -56,13 +52,5 @@ fn what_cannot_be_made_of_nothing_says_what_is_missing() {
     assert_eq!(
         told,
         ["`all` cannot be computed: the list `points` is empty, and nothing has no skin"]
-    );
-    let (_, told) =
-        run(r#"use: { "Line": "line.ron" }, nodes: { "in": ReadMesh(path: "empty.obj"),
-        "each": ForEach(graph: "Line", over: Parts("in")),
-        "all": Loft(curves: "each"), "s": Nurbs(net: "all") }, outputs: { "out.step": "s" }"#);
-    assert_eq!(
-        told,
-        ["`all` cannot be computed: there are no sections: both `curves` and `sections` are empty"]
     );
 }
