@@ -157,6 +157,7 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
         "scenes": [{ "nodes": [0] }],
         "nodes": [root, { "name": "mesh", "mesh": 0 }],
         "meshes": [{ "primitives": primitives }],
+        "materials": [],
         "accessors": file.accessors,
         "bufferViews": file.views,
         "buffers": [{ "byteLength": length }],

@@ -132,12 +132,14 @@ impl Looks {
             Wrap::Mirror => MIRRORED_REPEAT,
             Wrap::Clamp => CLAMP_TO_EDGE,
         });
-        let mut sampler = json!({ "wrapS": wrap[0], "wrapT": wrap[1] });
+        let mut sampler = json!({});
         for (key, filter) in ["magFilter", "minFilter"].into_iter().zip(map.filters) {
             if filter != 0 {
                 sampler[key] = filter.into();
             }
         }
+        sampler["wrapS"] = wrap[0].into();
+        sampler["wrapT"] = wrap[1].into();
         let mut texture = json!({ "sampler": place(&mut self.samplers, sampler), "source": image });
         if self.images[image]["mimeType"] == "image/webp" {
             let extension = json!({ "EXT_texture_webp": { "source": image } });

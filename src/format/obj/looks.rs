@@ -33,7 +33,8 @@ impl Looks {
             looks.pictures.push(NewFile { name, bytes: png::encode_rgb(picture)? });
             return Ok(looks);
         }
-        let mut files = Files { stem, written: Vec::new() };
+        let has_one = mesh.materials().len() == 1;
+        let mut files = Files { stem, has_one, written: Vec::new() };
         for material in mesh.materials().iter() {
             let name = unique(&material.name, "material", &looks.names);
             looks.names.push(name);
@@ -106,6 +107,8 @@ impl Looks {
 /// Pictures that are written, each once.
 struct Files<'a> {
     stem: &'a str,
+    /// Whether there is one material: its picture of color is the one that has the name of the mesh.
+    has_one: bool,
     written: Vec<(Column<u8>, String)>,
 }
 
@@ -117,6 +120,10 @@ impl Files<'_> {
             return name.clone();
         }
         let names = Vec::from_iter(self.written.iter().map(|(_, name)| name.clone()));
+        if self.has_one && pictures.is_empty() {
+            let name = format!("{}{}", self.stem, ending(&map.bytes));
+            return self.write(name, map, pictures);
+        }
         // Beside the file may be the one that was read.
         let own = unique(&map.file, "picture", &[]);
         let own = own.strip_prefix(self.stem).map_or(&*own, |own| own.trim_start_matches('_'));
@@ -130,6 +137,10 @@ impl Files<'_> {
             count += 1;
             name = format!("{}_{start}_{count}{ending}", self.stem);
         }
+        self.write(name, map, pictures)
+    }
+
+    fn write(&mut self, name: String, map: &Map, pictures: &mut Vec<NewFile>) -> String {
         pictures.push(NewFile { name: name.clone(), bytes: map.bytes.to_vec() });
         self.written.push((map.bytes.clone(), name.clone()));
         name
