@@ -5,7 +5,7 @@
 use divan::Bencher;
 use maquette::format::ply;
 use maquette::value::{Faces, Mesh};
-use maquette::{Finished, Options, OutputFolder, Run, Session, Settings};
+use maquette::{CancelToken, Finished, Options, OutputFolder, Run, Session, Settings};
 use nalgebra::Point3;
 
 fn main() {
@@ -48,7 +48,7 @@ fn write(bencher: Bencher<'_, '_>, ending: &str, is_told: bool) {
     bencher.with_inputs(empty).bench_local_refs(|folder| {
         let into = OutputFolder::new(Some(folder.path()), "sheet.ron".as_ref());
         let into = if is_told { into } else { into.without_provenance() };
-        let (written, problems) = session.write(&finished, &into);
+        let (written, problems) = session.write(&finished, &[], &into, &CancelToken::default());
         assert!(written.len() == 1 && problems.is_empty(), "{problems:?}");
     });
 }

@@ -109,7 +109,7 @@ fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
     };
     skin.maps.iter_mut().for_each(|(kind, map)| moved(kind, map));
     let second = Attribute::Pair((0..6).map(|k| [f64::from(k) / 8.0, 0.5]).collect());
-    let colors = Attribute::Color(vec![[255, 255, 255], [255, 0, 0], [255, 0, 0]].repeat(2).into());
+    let colors = Attribute::Color([[255, 255, 255], [255, 0, 0], [255, 0, 0]].repeat(2).into());
     let ring = Attribute::Index((0..6).collect());
     let weight = Attribute::Number((0..6).map(|k| f64::from(k) / 4.0).collect());
     let mesh = squares()

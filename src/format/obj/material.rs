@@ -10,8 +10,8 @@ use std::sync::Arc;
 use maquette_value::{Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
 
 use super::mtl::{
-    Layout, MtlMaterial, find_first, find_libraries, is_picture, names, options, read_materials,
-    spellings,
+    Layout, MtlMaterial, Named, Said, find_first, find_libraries, is_picture, names, options,
+    read_materials, spellings,
 };
 use crate::picture_file;
 
@@ -80,14 +80,14 @@ pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: F
 struct Files<'a> {
     find: Find<'a>,
     /// By their name: how it was found, and what is in it; none if it cannot be had.
-    known: BTreeMap<PathBuf, Option<(String, Arc<[u8]>)>>,
+    known: BTreeMap<PathBuf, Option<Named>>,
     has_uv: bool,
     doubts: Vec<String>,
 }
 
 impl Files<'_> {
     /// The file of a picture, if it is there.
-    fn file(&mut self, folder: &Path, name: &str) -> Option<(String, Arc<[u8]>)> {
+    fn file(&mut self, folder: &Path, name: &str) -> Option<Named> {
         let key = folder.join(name);
         if !self.known.contains_key(&key) {
             let found = find_first(spellings(name).map(|name| folder.join(name)), self.find);
@@ -173,7 +173,7 @@ impl Files<'_> {
         material: &mut Material,
         layouts: &mut Vec<Layout>,
         from: &MtlMaterial,
-        kinds: Vec<(MapKind, Option<u8>)>,
+        kinds: Vec<Said>,
         rest: &str,
     ) {
         let (name, options) = options(rest);

@@ -83,7 +83,7 @@ pub(super) fn find_first(
 }
 
 /// A file, and the name by which it was found.
-type Named = (String, Arc<[u8]>);
+pub(super) type Named = (String, Arc<[u8]>);
 
 /// The files of materials that a line `mtllib` names: one, whose name may have blanks, or several.
 pub(super) fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, String> {
@@ -107,6 +107,9 @@ pub(super) fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, S
     }
 }
 
+/// What a picture says, and the channel that counts if only one does.
+pub(super) type Said = (MapKind, Option<u8>);
+
 /// A material as its file has it.
 pub(super) struct MtlMaterial {
     pub(super) name: String,
@@ -127,7 +130,7 @@ impl MtlMaterial {
     }
 
     /// What its pictures say, with the channel that counts, and the rests of their statements; the picture of its color is the first one.
-    pub(super) fn maps(&self) -> Vec<(Vec<(MapKind, Option<u8>)>, &str)> {
+    pub(super) fn maps(&self) -> Vec<(Vec<Said>, &str)> {
         let base = self.base_color();
         let first = base.map(|(_, rest)| (vec![(MapKind::BaseColor, None)], &rest[..]));
         let others = self.statements.iter().filter(|it| base.is_none_or(|base| base != *it));
