@@ -208,7 +208,7 @@ impl Facet<'_> {
             Color::Mixed(colors) => mix(colors),
             Color::Texture(image, wrap, uv) => {
                 let at = |k| shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k];
-                light::linear(image.sample(Wrap::uv(*wrap, [at(0), at(1)])))
+                light::linear(image.sample_beyond([at(0), at(1)], *wrap))
             }
         };
         light::lit(color, normal)

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use super::{
     Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError, Pinhole,
-    Property, Summary, Value,
+    Property, Summary, Value, Wrap,
 };
 
 mod parts;
@@ -103,11 +103,16 @@ impl Image {
     /// # Panics
     /// If the picture is empty.
     pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
-        let column = (uv[0] * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
-        let row = ((1.0 - uv[1]) * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
-        let (left, top) = (column as usize, row as usize);
-        let (right, below) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
-        let (x, y) = (column - left as f64, row - top as f64);
+        self.sample_beyond(uv, [Wrap::Clamp; 2])
+    }
+
+    /// The color as [`sample`](Self::sample) blends it, where the picture goes on beyond its border in u and v.
+    ///
+    /// # Panics
+    /// If the picture is empty.
+    pub fn sample_beyond(&self, uv: [f64; 2], wrap: [Wrap; 2]) -> [f64; 3] {
+        let (left, right, x) = wrap[0].texels(uv[0] * self.width as f64 - 0.5, self.width);
+        let (top, below, y) = wrap[1].texels((1.0 - uv[1]) * self.height as f64 - 0.5, self.height);
         let [a, b, c, d] = [[left, top], [right, top], [left, below], [right, below]]
             .map(|at| self.at(at).map(f64::from));
         [0, 1, 2]

@@ -194,7 +194,7 @@ impl Material {
     /// picture. Beyond its border the picture goes on as its map says.
     #[must_use]
     pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
-        self.shown().map_or([255.0; 3], |picture| picture.sample(Wrap::uv(self.wrap(), uv)))
+        self.shown().map_or([255.0; 3], |picture| picture.sample_beyond(uv, self.wrap()))
     }
 
     fn encode(&self, to: &mut Encoder) {
@@ -334,6 +334,27 @@ impl Wrap {
         [0, 1].map(|k| wrap[k].inside(uv[k]))
     }
 
+    /// The two texels beside a place, of which texel k is at k, and how far from the first to the second one it is.
+    pub(super) fn texels(self, place: f64, count: usize) -> (usize, usize, f64) {
+        if self == Self::Clamp {
+            let place = place.clamp(0.0, (count - 1) as f64);
+            let first = place as usize;
+            return (first, (first + 1).min(count - 1), place - first as f64);
+        }
+        let texel = |place: i64| {
+            let (count, wide) = (count as i64, 2 * count as i64);
+            match self {
+                Self::Mirror if place.rem_euclid(wide) >= count => {
+                    wide - 1 - place.rem_euclid(wide)
+                }
+                _ => place.rem_euclid(count),
+            }
+        };
+        let first = place.floor();
+        let [a, b] = [first as i64, (first as i64).saturating_add(1)].map(|it| texel(it) as usize);
+        (a, b, place - first)
+    }
+
     /// The coordinate from 0 to 1 where the picture has what it shows at this one.
     fn inside(self, x: f64) -> f64 {
         if (0.0..=1.0).contains(&x) {
@@ -405,5 +426,11 @@ mod tests {
         assert_eq!(of(Wrap::Repeat), [0.75, 0.0, 1.0, 0.25, 0.5]);
         assert_eq!(of(Wrap::Mirror), [0.25, 0.0, 1.0, 0.75, 0.5]);
         assert_eq!(of(Wrap::Clamp), [-0.25, 0.0, 1.0, 1.25, 2.5]);
+        let texels = |wrap: Wrap| [-0.5, 1.25, 3.5, 8.0].map(|place| wrap.texels(place, 4));
+        assert_eq!(texels(Wrap::Clamp), [(0, 1, 0.0), (1, 2, 0.25), (3, 3, 0.0), (3, 3, 0.0)]);
+        assert_eq!(texels(Wrap::Repeat), [(3, 0, 0.5), (1, 2, 0.25), (3, 0, 0.5), (0, 1, 0.0)]);
+        assert_eq!(texels(Wrap::Mirror), [(0, 0, 0.5), (1, 2, 0.25), (3, 3, 0.5), (0, 1, 0.0)]);
+        let picture = Image::new(2, 1, vec![[0; 3], [200, 100, 0]]).unwrap();
+        assert_eq!(picture.sample_beyond([1.0, 0.5], [Wrap::Repeat; 2]), [100.0, 50.0, 0.0]);
     }
 }
