@@ -31,7 +31,8 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     for span in spans {
         let is_inside =
             last.is_none_or(|it| it.start <= span.start && span.end <= it.end && it != span);
-        if !is_inside || !(span.start <= at && at <= span.end) {
+        let is_around = span.start <= at && at <= span.end;
+        if !(is_inside && is_around) {
             continue;
         }
         let range = json!(lines.range(span));

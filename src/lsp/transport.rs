@@ -66,7 +66,7 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
                     }
                 }
                 Ok(None) => {}
-                Err(refusal) => drop(errors.send(refusal)),
+                Err(refusal) => drop(errors.send(Message::Response(*refusal))),
             }
         }
     });
@@ -99,8 +99,8 @@ pub(super) fn id_of(id: &Json) -> RequestId {
     }
 }
 
-fn refusal(id: Json, code: ErrorCode, why: String) -> Message {
-    Response::new_err(id_of(&id), code as i32, why).into()
+fn refusal(id: Json, code: ErrorCode, why: String) -> Box<Response> {
+    Box::new(Response::new_err(id_of(&id), code as i32, why))
 }
 
 /// The bodies of messages.
@@ -178,7 +178,7 @@ impl<R: BufRead> Frames<R> {
 }
 
 /// The message in a body; `None` if it is an answer that nobody waits for, the refusal if it is not a message.
-fn message_of(body: &[u8], log: &Log) -> Result<Option<Message>, Message> {
+fn message_of(body: &[u8], log: &Log) -> Result<Option<Message>, Box<Response>> {
     let text = String::from_utf8_lossy(body);
     log.write("editor", &text);
     let text = text.trim_start_matches('\u{feff}');
@@ -343,7 +343,7 @@ mod tests {
     #[test]
     fn what_is_no_message_is_refused_with_its_id() {
         let code = |body: &str| match message_of(body.as_bytes(), &Log(None)) {
-            Err(Message::Response(answer)) => (answer.id, answer.response_result.unwrap_err().code),
+            Err(answer) => (answer.id, answer.response_result.unwrap_err().code),
             other => panic!("{body}: {other:?}"),
         };
         let null = id_of(&Json::Null);
