@@ -1,6 +1,6 @@
 //! `maquette batch`: one graph over many scans and many values.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -27,9 +27,11 @@ use super::{
 use crate::Shown;
 use crate::tasks as batch;
 use crate::tasks::{
-    Batch as Tasks, Ended, Engine, Handover, Hearer, JobParameter, Running, Standing, State,
+    Batch as Tasks, Ended, Engine, Handover, Hearer, JobParameter, Record, Running, State,
     at_a_time, default_folder,
 };
+
+mod summary;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
 #[derive(Args)]
@@ -64,7 +66,7 @@ pub(crate) struct Batch {
     /// Run the first task, so that the others find in the cache what they share, and end well whatever comes of it.
     #[arg(long, conflicts_with_all = ["task", "dry_run", "report", "emit"])]
     warm: bool,
-    /// Run nothing: make the contact sheet of the records that are there.
+    /// Run nothing: make the contact sheet of the records that are there, and fail unless all tasks are done.
     #[arg(long, conflicts_with_all = ["dry_run", "emit"])]
     report: bool,
     /// Print what hands the tasks to this engine, and write their list into OUT/tasks/@handovers. Its jobs run only while the tasks are those of
@@ -148,7 +150,7 @@ impl Batch {
         // The page is made of a changed list, too, and its changes are reported then.
         let handover = self.handover.as_deref().map_or(Ok(()), |hash| tasks.check_handover(hash));
         if self.report {
-            return self.write_sheet(&tasks, handover);
+            return self.report_records(&tasks, handover, &problems);
         }
         if let Err(why) = handover {
             return Exit::Usage(why);
@@ -166,7 +168,7 @@ impl Batch {
             Some((first, last)) => (first..=last).collect(),
         };
         if self.dry_run {
-            return self.forecast(&tasks, catalog);
+            return self.forecast(&tasks, &problems, catalog);
         }
         self.work(&tasks, &wanted, &problems, catalog, start)
     }
@@ -235,7 +237,7 @@ impl Batch {
     /// The words of this command, without those that say which tasks.
     fn words(&self) -> Vec<String> {
         let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
-        let mut words = vec![program, "batch".into(), self.file.display().to_string()];
+        let mut words = vec![program, "batch".into(), in_project(&self.file)];
         let mut add = |name: &str, value: &str| words.extend([name.to_owned(), value.to_owned()]);
         for (name, values) in &self.values {
             add("--sweep", &format!("{name}={values}"));
@@ -244,7 +246,7 @@ impl Batch {
             add("--scans", scans);
         }
         if let Some(out) = &self.out {
-            add("--out", &out.display().to_string());
+            add("--out", &in_project(out));
         }
         if self.threads != 0 {
             add("--threads", &self.threads.to_string());
@@ -278,63 +280,6 @@ impl Batch {
                 print_json(&document);
             }
             false => report(problems),
-        }
-    }
-
-    /// Says what would run.
-    fn forecast(&self, tasks: &Tasks<'_>, catalog: &Arc<Catalog>) -> Exit {
-        let mut session = match self.session(1, catalog) {
-            Ok(session) => session,
-            Err(why) => return Exit::Usage(why),
-        };
-        let longest = tasks.sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
-        let (mut runs, mut all, mut due) = (std::collections::HashSet::new(), 0, 0);
-        for (index, task) in tasks.sweep.tasks.iter().enumerate() {
-            let (word, reason) = match tasks.standing(&session, task) {
-                Standing::Holds(record) => {
-                    (record.state.word(), unchanged_in_words(record.state).to_owned())
-                }
-                Standing::Due(found) => {
-                    due += 1;
-                    let forecast = tasks.forecast(&mut session, task).into_iter();
-                    let would = forecast.filter(|(_, it)| it.may_run());
-                    let before = runs.len();
-                    let count = would.map(|(made, _)| runs.insert(made)).count();
-                    all += count;
-                    let new = runs.len() - before;
-                    let (reason, count) = (found.reason, counted(count, "node"));
-                    ("run", format!("{reason}; {count}, {new} of them new"))
-                }
-            };
-            print(&format!("{word:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
-        }
-        let shared = match all - runs.len() {
-            0 => String::new(),
-            _ => format!(" in place of {all}, for what tasks have in common is computed once"),
-        };
-        let tasks = counted(tasks.sweep.tasks.len(), "task");
-        print(&format!("{due} of {tasks} would run: {}{shared}\n", counted(runs.len(), "node")));
-        Exit::Done
-    }
-
-    /// Writes the page, and fails if it is not of all tasks that a farm should have run.
-    fn write_sheet(&self, tasks: &Tasks<'_>, handover: Result<(), String>) -> Exit {
-        let path = match tasks.write_sheet() {
-            Ok(path) => path,
-            Err(why) => return Exit::Usage(why),
-        };
-        if !self.json && self.events.is_none() {
-            print(&format!("{}\n", path.shown()));
-        }
-        let missing = tasks.never_handed_over();
-        let missing = (!missing.is_empty())
-            .then(|| batch::never_handed_over_in_words(&missing, tasks.sweep.tasks.len()));
-        match handover.err().or(missing) {
-            Some(why) => {
-                eprint(&format!("error: {why}\n"));
-                Exit::Failed
-            }
-            None => Exit::Done,
         }
     }
 
@@ -406,6 +351,30 @@ impl Batch {
     }
 }
 
+/// A path as jobs have it: from the current folder, which is another one on other machines, if it is in there.
+fn in_project(path: &Path) -> String {
+    let folder = std::env::current_dir().unwrap_or_default();
+    let inner = path.strip_prefix(folder).ok().filter(|inner| !inner.as_os_str().is_empty());
+    inner.unwrap_or(path).display().to_string()
+}
+
+/// A task that came to its end, as `--json` and `--events` have it.
+fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
+    let output = |it: &batch::Output| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() });
+    let values = record.values.iter().map(|(name, value)| (name.clone(), value.clone().into()));
+    json!({
+        "task": index,
+        "name": record.name,
+        "state": record.state.word(),
+        "ran": was_run,
+        "values": values.collect::<serde_json::Map<_, _>>(),
+        "seconds": record.seconds,
+        "nodes": record.nodes,
+        "outputs": Vec::from_iter(record.outputs.iter().map(output)),
+        "problems": record.problems,
+    })
+}
+
 /// Why a task is not run.
 fn unchanged_in_words(state: State) -> &'static str {
     match state {
@@ -471,18 +440,7 @@ impl Hearer for Teller<'_> {
         counts.ran += usize::from(was_run);
         let problems = record.problems.iter().filter(|problem| problem["severity"] == "error");
         if self.json || self.events == Some(EventFormat::Json) {
-            let output = |it: &batch::Output| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() });
-            let fields = json!({
-                "task": index,
-                "name": record.name,
-                "state": record.state.word(),
-                "ran": was_run,
-                "values": record.values.iter().map(|(name, value)| (name.clone(), value.clone().into())).collect::<serde_json::Map<_, _>>(),
-                "seconds": record.seconds,
-                "nodes": record.nodes,
-                "outputs": Vec::from_iter(record.outputs.iter().map(output)),
-                "problems": record.problems,
-            });
+            let fields = record_fields(index, &record, was_run);
             match self.json {
                 true => counts.ended.push(fields),
                 false => Listener::of_stdout().tell("task", fields),

@@ -37,6 +37,7 @@ mod nodes;
 mod openjd;
 mod options;
 mod output;
+mod parent;
 mod pin;
 mod profile;
 mod program;

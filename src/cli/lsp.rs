@@ -5,18 +5,20 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use lsp_server::Connection;
 use maquette_graph::catalog::Catalog;
 use maquette_lsp::{Setup, serve};
 
-use super::Exit;
 use super::caching::CacheOptions;
+use super::{Exit, eprint};
 
 #[derive(Args)]
 pub(crate) struct Lsp {
     /// Speak over stdin and stdout, which is the only way there is.
     #[arg(long)]
     stdio: bool,
+    /// Write every message between the editor and the server into this file.
+    #[arg(long, value_name = "FILE", env = "MAQUETTE_LSP_LOG")]
+    log: Option<PathBuf>,
     #[command(flatten)]
     cache: CacheOptions,
 }
@@ -29,17 +31,22 @@ impl Lsp {
             Err(why) => return Exit::Usage(why),
         };
         let program = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("maquette"));
-        let (connection, threads) = Connection::stdio();
+        let (connection, threads) = match maquette_lsp::stdio(self.log.as_deref()) {
+            Ok(opened) => opened,
+            Err(error) => return Exit::Usage(format!("cannot write the log: {error}")),
+        };
         let ended = serve(&connection, Setup { session, program, words: self.cache.words() });
         drop(connection);
-        // The reading thread ends when the editor has closed its end.
         let written = threads.join();
         match (ended, written) {
             (Ok(()), Err(error)) if error.kind() != ErrorKind::BrokenPipe => {
                 Exit::Usage(format!("cannot speak with the editor: {error}"))
             }
             (Ok(()), _) => Exit::Done,
-            (Err(why), _) => Exit::Usage(why),
+            (Err(why), _) => {
+                eprint(&format!("error: {why}\n"));
+                Exit::Failed
+            }
         }
     }
 }

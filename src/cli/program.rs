@@ -9,6 +9,7 @@ use maquette_graph::catalog::Catalog;
 use maquette_node::pack::Pack;
 
 use crate::output::{Exit, NAME, eprint, name_in, print_usage, program, stdout_error};
+use crate::parent;
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -133,6 +134,7 @@ fn run_words(packs: &[&Pack], mut words: Vec<OsString>) -> u8 {
     if let Some(place) = place {
         words.splice(place..place + 2, ["--events=openjd".into()]);
     }
+    parent::end_with_it();
     NAME.get_or_init(|| name_in(words.first()));
     let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,

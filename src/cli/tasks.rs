@@ -16,7 +16,7 @@ mod task_list;
 pub(crate) use all::{Ended, Hearer, Running, at_a_time};
 pub(crate) use emit::{Engine, Handover};
 pub(crate) use job_parameters::JobParameter;
-pub(crate) use record::{Output, State};
+pub(crate) use record::{Output, Record, State};
 pub(crate) use run::{Batch, Standing, default_folder};
 pub(crate) use short::text_of;
 pub(crate) use task_list::{DIGITS, never_handed_over_in_words};

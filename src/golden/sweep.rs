@@ -7,5 +7,6 @@ pub mod file;
 pub mod files;
 pub mod names;
 pub mod pattern;
+mod table;
 
 pub use file::{ENDING, Picture, Sweep, Task, read_text, read_untried, schema, words};

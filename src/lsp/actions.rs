@@ -1,6 +1,5 @@
 //! What an editor offers to do at a place: mend a problem, mend all, look at a node.
 
-use gen_lsp_types::{CodeActionParams, CodeActionTriggerKind};
 use maquette_edit::real;
 use maquette_golden::suite::FileKind;
 use maquette_syntax::error::Problem;
@@ -8,7 +7,9 @@ use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
 use super::checker::diagnostic;
+use super::commands::APPLY;
 use super::outline::{self, Symbol};
+use super::params::range;
 use super::project::Texts;
 use super::{Refused, Server, Subject};
 
@@ -16,19 +17,19 @@ impl Server {
     pub(super) fn actions(
         &mut self,
         subject: &Subject<'_>,
-        asked: &CodeActionParams,
+        params: &Json,
     ) -> Result<Json, Refused> {
         let text = subject.lines.text();
-        let (start, end) =
-            (subject.lines.offset(asked.range.start), subject.lines.offset(asked.range.end));
+        let range = range(&params["range"])?;
+        let (start, end) = (subject.lines.offset(range.start), subject.lines.offset(range.end));
+        let only = params["context"]["only"].as_array();
         let wants = |kind: &str| {
-            let only = asked.context.only.as_deref();
             let is_wanted = |wanted: &Json| {
                 wanted.as_str().is_some_and(|wanted| {
                     wanted.is_empty() || kind == wanted || kind.starts_with(&format!("{wanted}."))
                 })
             };
-            only.is_none_or(|only| only.iter().any(|wanted| is_wanted(&json!(wanted))))
+            only.is_none_or(|only| only.iter().any(is_wanted))
         };
         let mut found = Vec::new();
         let kind = FileKind::of(&subject.path, text);
@@ -56,7 +57,7 @@ impl Server {
             }
         }
         // It is asked for by itself, as when a text is saved.
-        let is_all = asked.context.only.as_ref().is_some_and(|_| wants("source.fixAll"));
+        let is_all = only.is_some() && wants("source.fixAll");
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =
                 maquette_edit::fixed(&subject.path, text, &self.catalog, &subject.options);
@@ -67,7 +68,7 @@ impl Server {
             }
         }
         if first_word(text) != "Graph" {
-            return Ok(found.into());
+            return Ok(self.offered(found));
         }
         let sections = outline::sections(text);
         let entries = |name: &'static str| {
@@ -77,12 +78,11 @@ impl Server {
         let nodes = Vec::from_iter(entries("nodes").filter(is_here));
         for action in self.refactors(subject, &nodes, &Vec::from_iter(entries("use"))) {
             if wants(action.kind()) {
-                let is_automatic =
-                    asked.context.trigger_kind == Some(CodeActionTriggerKind::Automatic);
+                let is_automatic = params["context"]["triggerKind"] == AUTOMATIC;
                 found.extend(self.refactor(&action, !is_automatic));
             }
         }
-        if asked.context.only.is_none()
+        if only.is_none()
             && let [node] = &nodes[..]
         {
             for (title, command) in
@@ -93,9 +93,26 @@ impl Server {
                 found.push(json!({ "title": title, "command": command }));
             }
         }
-        Ok(found.into())
+        Ok(self.offered(found))
+    }
+
+    /// Actions as the editor knows them: as commands, if it knows no others.
+    fn offered(&self, actions: Vec<Json>) -> Json {
+        if self.client.has_action_literals {
+            return actions.into();
+        }
+        let command = |action: Json| match action.get("edit") {
+            Some(edit) => {
+                json!({ "title": action["title"], "command": APPLY, "arguments": [edit] })
+            }
+            None => action["command"].clone(),
+        };
+        actions.into_iter().map(command).filter(Json::is_object).collect()
     }
 }
+
+/// `CodeActionTriggerKind.Automatic`: the editor asks by itself.
+const AUTOMATIC: u8 = 2;
 
 /// What is written, in a few words.
 fn title(problem: &Problem) -> String {

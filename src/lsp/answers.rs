@@ -4,12 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use gen_lsp_types::{
-    CodeActionParams, CodeLensParams, ColorPresentationParams, CompletionParams, DefinitionParams,
-    DocumentColorParams, DocumentFormattingParams, DocumentHighlightParams, DocumentLinkParams,
-    DocumentSymbolParams, FoldingRangeParams, HoverParams, InlayHintParams, PrepareRenameParams,
-    ReferenceParams, RenameParams, SemanticTokensParams, TextDocumentPositionParams, Uri,
-};
+use gen_lsp_types::Uri;
 use maquette_edit::Symbol;
 use maquette_graph::name_of;
 use maquette_syntax::error::Span;
@@ -18,106 +13,112 @@ use serde_json::{Value as Json, json};
 
 use super::completion::{Proposal, Sort, proposals};
 use super::outline::{self, MEANINGS, Meaning};
+use super::params::{missing, position, range, uri};
 use super::place::Lines;
 use super::project::{Found, Texts};
-use super::{Refused, Server, Subject, read};
+use super::selection::{formatted_lines, selection};
+use super::signature::signature;
+use super::symbols::{flat_symbols, has_letters, symbols};
+use super::{Refused, Server, Subject};
 
 /// Most clients show no more colors or lenses of one text.
 const MOST: usize = 2_000;
 
 impl Server {
-    pub(super) fn answer(&mut self, method: &str, params: Json) -> Result<Json, Refused> {
+    pub(super) fn answer(&mut self, method: &str, params: &Json) -> Result<Json, Refused> {
         match method {
-            "textDocument/completion" => {
-                let asked: CompletionParams = read(params)?;
-                self.at(&asked.text_document_position_params, Self::completion)
-            }
-            "textDocument/hover" => {
-                let asked: HoverParams = read(params)?;
-                self.at(&asked.text_document_position_params, Self::hover)
-            }
-            "textDocument/definition" => {
-                let asked: DefinitionParams = read(params)?;
-                self.at(&asked.text_document_position_params, Self::definition)
-            }
+            "textDocument/completion" => self.at(params, Self::completion),
+            "textDocument/hover" => self.at(params, Self::hover),
+            "textDocument/signatureHelp" => self.at(params, |server, subject, at| {
+                let library = server.library(&subject.path, &subject.options);
+                Ok(signature(&library, subject.lines.text(), at))
+            }),
+            "textDocument/definition" => self.at(params, Self::definition),
             "textDocument/references" => {
-                let asked: ReferenceParams = read(params)?;
-                let declares = asked.context.include_declaration;
-                self.at(&asked.text_document_position_params, |server, subject, at| {
-                    server.references(subject, at, declares)
-                })
+                let declares = params["context"]["includeDeclaration"] != false;
+                self.at(params, |server, subject, at| server.references(subject, at, declares))
             }
-            "textDocument/documentHighlight" => {
-                let asked: DocumentHighlightParams = read(params)?;
-                self.at(&asked.text_document_position_params, Self::highlights)
-            }
-            "textDocument/prepareRename" => {
-                let asked: PrepareRenameParams = read(params)?;
-                self.at(&asked.text_document_position_params, Self::prepare_rename)
-            }
+            "textDocument/documentHighlight" => self.at(params, Self::highlights),
+            "textDocument/prepareRename" => self.at(params, Self::prepare_rename),
             "textDocument/rename" => {
-                let asked: RenameParams = read(params)?;
-                self.at(&asked.text_document_position_params, |server, subject, at| {
-                    server.rename(subject, at, &asked.new_name)
-                })
+                let name = params["newName"].as_str().ok_or_else(|| missing("newName"))?;
+                self.at(params, |server, subject, at| server.rename(subject, at, name))
             }
             "textDocument/documentSymbol" => {
-                let asked: DocumentSymbolParams = read(params)?;
-                self.of(&asked.text_document.uri, |_, subject| Ok(symbols(&subject.lines)))
+                let is_tree = self.client.has_symbol_trees;
+                self.of(&uri(params)?, |_, subject| match is_tree {
+                    true => Ok(symbols(&subject.lines)),
+                    false => Ok(flat_symbols(&subject.lines, &subject.uri, "").into()),
+                })
+            }
+            "workspace/symbol" => {
+                Ok(self.workspace_symbols(params["query"].as_str().unwrap_or_default()))
             }
             "textDocument/foldingRange" => {
-                let asked: FoldingRangeParams = read(params)?;
-                self.of(&asked.text_document.uri, |_, subject| Ok(folds(&subject.lines)))
+                self.of(&uri(params)?, |_, subject| Ok(folds(&subject.lines)))
+            }
+            "textDocument/selectionRange" => {
+                let positions =
+                    params["positions"].as_array().ok_or_else(|| missing("positions"))?;
+                let positions = positions.iter().map(position).collect::<Result<Vec<_>, _>>()?;
+                self.of(&uri(params)?, |_, Subject { lines, .. }| {
+                    let one = |position| selection(lines, lines.offset(position));
+                    Ok(positions.into_iter().map(one).collect())
+                })
             }
             "textDocument/documentColor" => {
-                let asked: DocumentColorParams = read(params)?;
-                self.of(&asked.text_document.uri, |_, subject| Ok(colors(&subject.lines)))
+                self.of(&uri(params)?, |_, subject| Ok(colors(&subject.lines)))
             }
             "textDocument/colorPresentation" => {
-                let asked: ColorPresentationParams = read(params)?;
-                let level = |share: f32| (f64::from(share) * 255.0).round().clamp(0.0, 255.0) as u8;
-                let [red, green, blue] =
-                    [asked.color.red, asked.color.green, asked.color.blue].map(level);
+                let level = |name: &str| {
+                    let level = params["color"][name].as_f64().ok_or_else(|| missing(name))?;
+                    Ok::<_, Refused>((level * 255.0).round().clamp(0.0, 255.0) as u8)
+                };
+                let [red, green, blue] = [level("red")?, level("green")?, level("blue")?];
                 let label = format!("#{red:02x}{green:02x}{blue:02x}");
-                let edit = json!({ "range": asked.range, "newText": label });
+                let edit = json!({ "range": range(&params["range"])?, "newText": label });
                 Ok(json!([{ "label": label, "textEdit": edit }]))
             }
-            "textDocument/documentLink" => {
-                let asked: DocumentLinkParams = read(params)?;
-                self.of(&asked.text_document.uri, Self::links)
-            }
+            "textDocument/documentLink" => self.of(&uri(params)?, Self::links),
             "textDocument/semanticTokens/full" => {
-                let asked: SemanticTokensParams = read(params)?;
-                self.of(&asked.text_document.uri, |server, subject| {
-                    let is_large = server.is_large(subject.lines.text());
-                    Ok(if is_large { json!({ "data": [] }) } else { words(&subject.lines) })
+                self.of(&uri(params)?, |_, subject| Ok(words(&subject.lines, 0, u32::MAX)))
+            }
+            "textDocument/semanticTokens/range" => {
+                let lines = range(&params["range"])?;
+                self.of(&uri(params)?, |_, subject| {
+                    Ok(words(&subject.lines, lines.start.line, lines.end.line))
                 })
             }
             "textDocument/inlayHint" => {
-                let asked: InlayHintParams = read(params)?;
-                self.of(&asked.text_document.uri, |server, subject| {
-                    Ok(server.hints(subject, asked.range.start.line, asked.range.end.line))
+                let lines = range(&params["range"])?;
+                self.of(&uri(params)?, |server, subject| {
+                    Ok(server.hints(subject, lines.start.line, lines.end.line))
                 })
             }
-            "textDocument/codeLens" => {
-                let asked: CodeLensParams = read(params)?;
-                self.of(&asked.text_document.uri, Self::lenses)
-            }
+            "textDocument/codeLens" => self.of(&uri(params)?, Self::lenses),
             "textDocument/codeAction" => {
-                let asked: CodeActionParams = read(params)?;
-                self.of(&asked.text_document.uri, |server, subject| server.actions(subject, &asked))
+                self.of(&uri(params)?, |server, subject| server.actions(subject, params))
             }
-            "codeAction/resolve" => self.resolved(params),
-            "textDocument/formatting" => {
-                let asked: DocumentFormattingParams = read(params)?;
-                self.of(&asked.text_document.uri, |_, subject| {
-                    let formatted = maquette_edit::formatted(&subject.path, subject.lines.text());
-                    // What is wrong is told anyway.
-                    let edit = formatted.ok().and_then(|text| subject.lines.difference(&text));
-                    Ok(json!(Vec::from_iter(edit)))
+            "codeAction/resolve" => self.resolved(params.clone()),
+            "textDocument/formatting" => self.of(&uri(params)?, |_, subject| {
+                let formatted = maquette_edit::formatted(&subject.path, subject.lines.text());
+                // What is wrong is told anyway.
+                let edit = formatted.ok().and_then(|text| subject.lines.difference(&text));
+                Ok(json!(Vec::from_iter(edit)))
+            }),
+            "textDocument/rangeFormatting" => {
+                let range = range(&params["range"])?;
+                self.of(&uri(params)?, |_, Subject { path, lines, .. }| {
+                    let (start, end) = (lines.offset(range.start), lines.offset(range.end));
+                    let span = Span { start, end: end.max(start) };
+                    let formatted = maquette_edit::formatted(path, lines.text()).ok();
+                    let part = formatted.and_then(|new| formatted_lines(lines.text(), &new, span));
+                    let edit =
+                        part.filter(|(span, new)| lines.text()[span.start..span.end] != **new);
+                    Ok(json!(Vec::from_iter(edit.map(|(span, new)| lines.edit(span, new)))))
                 })
             }
-            _ => Err(Refused::Invalid(format!("there is no method `{method}` here"))),
+            _ => Err(Refused::Unknown(method.to_owned())),
         }
     }
 
@@ -137,11 +138,12 @@ impl Server {
     /// The same about a place in it.
     fn at(
         &mut self,
-        asked: &TextDocumentPositionParams,
+        params: &Json,
         answer: impl FnOnce(&mut Self, &Subject<'_>, usize) -> Result<Json, Refused>,
     ) -> Result<Json, Refused> {
-        self.of(&asked.text_document.uri, |server, subject| {
-            let at = subject.lines.offset(asked.position);
+        let position = position(&params["position"])?;
+        self.of(&uri(params)?, |server, subject| {
+            let at = subject.lines.offset(position);
             answer(server, subject, at)
         })
     }
@@ -151,7 +153,8 @@ impl Server {
         let text = subject.lines.text();
         let found = proposals(&library, text, at);
         let range = subject.lines.range(found.span);
-        let snippets = self.client.snippets;
+        let typed = &text[found.span.start..at];
+        let (snippets, markdown) = (self.client.snippets, self.client.completes_markdown);
         let item = |(index, proposal): (usize, Proposal)| {
             let kind = match proposal.sort {
                 Sort::Field => 5,
@@ -171,11 +174,15 @@ impl Server {
                 "textEdit": { "range": range, "newText": inserted(&proposal.insert, snippets) },
                 "insertTextFormat": if snippets && proposal.insert.contains("$0") { 2 } else { 1 },
             });
+            // An editor compares what is typed with the label, unless something else is said.
+            if !has_letters(&proposal.label, typed) {
+                item["filterText"] = typed.into();
+            }
             if !proposal.detail.is_empty() {
                 item["detail"] = proposal.detail.into();
             }
             if !proposal.doc.is_empty() {
-                item["documentation"] = json!({ "kind": "markdown", "value": proposal.doc });
+                item["documentation"] = markup(proposal.doc, markdown);
             }
             item
         };
@@ -191,7 +198,7 @@ impl Server {
         else {
             return Ok(Json::Null);
         };
-        let contents = json!({ "kind": "markdown", "value": words });
+        let contents = markup(words, self.client.hovers_markdown);
         Ok(json!({ "contents": contents, "range": subject.lines.range(span) }))
     }
 
@@ -325,7 +332,7 @@ impl Server {
     /// What came out last, behind the line on which each node begins.
     fn hints(&mut self, subject: &Subject<'_>, first: u32, last_line: u32) -> Json {
         let text = subject.lines.text();
-        if !self.choices.hints || self.is_large(text) {
+        if !self.choices.hints {
             return json!([]);
         }
         let last = self.last(&subject.path);
@@ -355,9 +362,6 @@ impl Server {
     /// What can be run: the graph, at its beginning, and what makes its outputs.
     fn lenses(&mut self, subject: &Subject<'_>) -> Result<Json, Refused> {
         let text = subject.lines.text();
-        if self.is_large(text) || first_word(text) == "Test" {
-            return Ok(json!([]));
-        }
         let lens = |span: Span, title: &str, command: &str, node: Option<&str>| {
             let arguments = [Some(&subject.uri.0[..]), node].into_iter().flatten();
             let arguments = Vec::from_iter(arguments);
@@ -366,7 +370,17 @@ impl Server {
         };
         let start = text.find(first_word(text)).unwrap_or(0);
         let first = Span { start, end: start };
-        let mut lenses = vec![lens(first, "run", "maquette.run", None)];
+        // Only graphs can be watched; an unfinished word is none of these yet.
+        let title = match first_word(text) {
+            "Sweep" => "run all",
+            "Test" => "test",
+            "Graph" | "Patch" => "run",
+            _ => return Ok(json!([])),
+        };
+        let mut lenses = vec![lens(first, title, "maquette.run", None)];
+        if title != "run" {
+            return Ok(lenses.into());
+        }
         lenses.push(match self.commands.watches(&subject.path) {
             true => lens(first, "stop", "maquette.stop", None),
             false => lens(first, "watch", "maquette.watch", None),
@@ -399,34 +413,14 @@ fn inserted(insert: &str, snippets: bool) -> String {
     }
 }
 
-fn symbols(lines: &Lines<'_>) -> Json {
-    let section = |section: &outline::Section| {
-        let kind = match &section.name[..] {
-            "nodes" => 12,
-            "params" => 14,
-            "inputs" => 13,
-            "outputs" => 17,
-            _ => 5,
-        };
-        let entry = |entry: &outline::Symbol| {
-            json!({
-                "name": if entry.name.is_empty() { "\"\"" } else { &entry.name },
-                "detail": entry.kind,
-                "kind": kind,
-                "range": lines.range(entry.span),
-                "selectionRange": lines.range(entry.at),
-            })
-        };
-        let children = section.entries.iter().map(entry).collect::<Json>();
-        json!({
-            "name": section.name,
-            "kind": if section.entries.is_empty() { 8 } else { 3 },
-            "range": lines.range(section.span),
-            "selectionRange": lines.range(section.at),
-            "children": children,
-        })
-    };
-    outline::sections(lines.text()).iter().map(section).collect()
+/// Words with marks, or as plain text for editors that would show the marks.
+fn markup(words: String, markdown: bool) -> Json {
+    if markdown {
+        return json!({ "kind": "markdown", "value": words });
+    }
+    let lines = words.lines().filter(|line| !line.starts_with("```"));
+    let lines = lines.map(|line| line.trim_start_matches('#').replace("**", "").replace('`', ""));
+    json!({ "kind": "plaintext", "value": Vec::from_iter(lines).join("\n") })
 }
 
 fn folds(lines: &Lines<'_>) -> Json {
@@ -455,12 +449,15 @@ fn colors(lines: &Lines<'_>) -> Json {
     outline::colors(lines.text()).into_iter().take(MOST).map(color).collect()
 }
 
-/// Words by what they are, each relative to the one before.
-fn words(lines: &Lines<'_>) -> Json {
+/// The words of some lines by what they are, each relative to the one before.
+fn words(lines: &Lines<'_>, first: u32, last: u32) -> Json {
     let mut data: Vec<u32> = Vec::new();
     let (mut line, mut column) = (0, 0);
     for (span, meaning) in outline::words(lines.text()) {
         let range = lines.range(span);
+        if range.start.line < first || last < range.start.line {
+            continue;
+        }
         let place = MEANINGS.iter().position(|(known, _)| *known == meaning).unwrap_or(0);
         let delta = range.start.line - line;
         let start = if delta == 0 { range.start.character - column } else { range.start.character };

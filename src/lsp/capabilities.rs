@@ -1,6 +1,5 @@
 //! What an editor can do, and what we can.
 
-use gen_lsp_types::ClientCapabilities;
 use serde_json::{Value as Json, json};
 
 use super::Client;
@@ -8,36 +7,50 @@ use super::commands::COMMANDS;
 use super::outline::MEANINGS;
 use super::place::Columns;
 
-pub(super) fn of_client(told: &ClientCapabilities) -> Client {
-    // Few of many fields are of interest, all of them optional.
-    let told = serde_json::to_value(told).unwrap_or_default();
+/// What an editor says that it can do. Fields of other types than the protocol's are as good as none.
+pub(super) fn of_client(told: &Json) -> Client {
     let can = |way: &str| told.pointer(way) == Some(&Json::Bool(true));
     let has = |way: &str, wanted: &str| {
         told.pointer(way)
             .and_then(Json::as_array)
             .is_some_and(|all| all.iter().any(|it| it == wanted))
     };
-    let offered = told.pointer("/general/positionEncodings").cloned().unwrap_or_default();
-    let offered = serde_json::from_value::<Vec<_>>(offered).ok();
+    let offered = told.pointer("/general/positionEncodings").and_then(Json::as_array);
+    let offered = offered.map(|all| Vec::from_iter(all.iter().filter_map(Json::as_str)));
     Client {
-        columns: Columns::agreed(offered.as_deref()),
+        columns: Columns::agreed(&offered.unwrap_or_default()),
         snippets: can("/textDocument/completion/completionItem/snippetSupport"),
         related: can("/textDocument/publishDiagnostics/relatedInformation"),
-        refreshes: can("/workspace/inlayHint/refreshSupport"),
+        refreshes_hints: can("/workspace/inlayHint/refreshSupport"),
+        refreshes_lenses: can("/workspace/codeLens/refreshSupport"),
         shows_documents: can("/window/showDocument/support"),
         progress: can("/window/workDoneProgress"),
         creates_files: can("/workspace/workspaceEdit/documentChanges")
             && has("/workspace/workspaceEdit/resourceOperations", "create"),
         resolves: has("/textDocument/codeAction/resolveSupport/properties", "edit")
             && can("/textDocument/codeAction/dataSupport"),
+        has_action_literals: told
+            .pointer("/textDocument/codeAction/codeActionLiteralSupport")
+            .is_some_and(Json::is_object)
+            // Only literals are asked for their edits, and edits that make files are younger than literals.
+            || has("/textDocument/codeAction/resolveSupport/properties", "edit")
+            || has("/workspace/workspaceEdit/resourceOperations", "create"),
+        has_symbol_trees: can("/textDocument/documentSymbol/hierarchicalDocumentSymbolSupport"),
+        hovers_markdown: has("/textDocument/hover/contentFormat", "markdown"),
+        completes_markdown: has(
+            "/textDocument/completion/completionItem/documentationFormat",
+            "markdown",
+        ),
+        has_configuration: can("/workspace/configuration"),
+        watches_files: can("/workspace/didChangeWatchedFiles/dynamicRegistration"),
     }
 }
 
-pub(super) fn of_server(columns: Columns) -> Json {
+pub(super) fn of_server(client: Client) -> Json {
     let meanings = Vec::from_iter(MEANINGS.iter().map(|(_, name)| name));
     json!({
         "capabilities": {
-            "positionEncoding": columns.kind(),
+            "positionEncoding": client.columns.kind(),
             "textDocumentSync": { "openClose": true, "change": 1, "save": { "includeText": false } },
             "completionProvider": { "triggerCharacters": ["\"", "(", ".", "/", ":", " "] },
             "hoverProvider": true,
@@ -53,12 +66,18 @@ pub(super) fn of_server(columns: Columns) -> Json {
             "documentLinkProvider": {},
             "colorProvider": true,
             "documentFormattingProvider": true,
+            "documentRangeFormattingProvider": true,
+            "selectionRangeProvider": true,
+            "signatureHelpProvider": { "triggerCharacters": ["(", ","] },
+            "workspaceSymbolProvider": true,
+            "workspace": { "workspaceFolders": { "supported": true, "changeNotifications": true } },
             "renameProvider": { "prepareProvider": true },
             "foldingRangeProvider": true,
             "inlayHintProvider": true,
             "semanticTokensProvider": {
                 "legend": { "tokenTypes": meanings, "tokenModifiers": ["declaration"] },
                 "full": true,
+                "range": true,
             },
             "executeCommandProvider": { "commands": COMMANDS },
         },

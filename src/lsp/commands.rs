@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
 use maquette_edit::real;
 use maquette_syntax::error::Span;
+use maquette_syntax::first_word;
 use maquette_syntax::paths::project_root;
 use maquette_value::plain::read_text;
 use serde_json::{Value as Json, json};
@@ -20,8 +21,14 @@ use super::place::{Lines, path_of};
 use super::{Client, Server};
 
 /// The commands, as editors name them.
-pub(super) const COMMANDS: [&str; 5] =
-    ["maquette.run", "maquette.watch", "maquette.stop", "maquette.inspect", "maquette.why"];
+pub(super) const COMMANDS: [&str; 6] =
+    ["maquette.run", "maquette.watch", "maquette.stop", "maquette.inspect", "maquette.why", APPLY];
+
+/// Has the editor make the edit in its argument, for editors that know no other actions than commands.
+pub(super) const APPLY: &str = "maquette.apply";
+
+/// Names the variable by which a process is told the id of its parent, with which it ends.
+pub const PARENT: &str = "MAQUETTE_PARENT";
 
 /// What runs for an editor.
 pub(super) struct Commands {
@@ -31,10 +38,16 @@ pub(super) struct Commands {
     client: Client,
     sender: crossbeam_channel::Sender<Message>,
     checks: Sender<Job>,
-    running: Arc<Mutex<HashMap<String, Child>>>,
+    running: Arc<Mutex<HashMap<String, Running>>>,
     watches: Arc<Mutex<HashMap<PathBuf, Child>>>,
     news: News,
     next: usize,
+}
+
+/// A process that answers a request when it ends.
+struct Running {
+    id: RequestId,
+    child: Child,
 }
 
 /// Tells that something has been evaluated.
@@ -49,8 +62,9 @@ impl News {
     /// Has the editor ask for hints and lenses again.
     fn tell(&self) {
         let count = self.count.fetch_add(1, Ordering::Relaxed);
-        if self.client.refreshes {
-            for what in ["inlayHint", "codeLens"] {
+        let Client { refreshes_hints, refreshes_lenses, .. } = self.client;
+        for (what, is_wanted) in [("inlayHint", refreshes_hints), ("codeLens", refreshes_lenses)] {
+            if is_wanted {
                 let id = format!("maquette-refresh-{count}-{what}").into();
                 let method = format!("workspace/{what}/refresh");
                 let _ = self.sender.send(Request { id, method, params: Json::Null }.into());
@@ -86,16 +100,36 @@ impl Commands {
 
     /// Stops what was begun under this token.
     pub(super) fn cancel(&self, token: &Json) {
-        if let Some(child) = token.as_str().and_then(|token| lock(&self.running).remove(token)) {
+        let running = token.as_str().and_then(|token| lock(&self.running).remove(token));
+        if let Some(Running { id, child }) = running {
+            let _ = self.sender.send(Response::new_ok(id, json!({ "text": "stopped" })).into());
             end(child);
         }
+    }
+
+    /// Stops what answers a request, which is refused then.
+    pub(super) fn cancel_request(&self, id: &RequestId) {
+        let mut running = lock(&self.running);
+        let token = running.iter().find(|(_, it)| it.id == *id).map(|(token, _)| token.clone());
+        token.and_then(|token| running.remove(&token)).into_iter().for_each(|it| self.refuse(it));
+    }
+
+    fn refuse(&self, Running { id, child }: Running) {
+        let code = ErrorCode::RequestCanceled as i32;
+        let _ = self.sender.send(Response::new_err(id, code, "cancelled".into()).into());
+        end(child);
+    }
+
+    /// Stops everything.
+    pub(super) fn end(&self) {
+        lock(&self.running).drain().for_each(|(_, running)| self.refuse(running));
+        lock(&self.watches).drain().for_each(|(_, child)| end(child));
     }
 }
 
 impl Drop for Commands {
     fn drop(&mut self) {
-        lock(&self.running).drain().for_each(|(_, child)| end(child));
-        lock(&self.watches).drain().for_each(|(_, child)| end(child));
+        self.end();
     }
 }
 
@@ -122,6 +156,10 @@ impl Server {
     /// The answer to a command; none yet if a process has been started that gives it.
     fn command(&mut self, id: &RequestId, params: &Json) -> Result<Option<Json>, String> {
         let command = params["command"].as_str().unwrap_or_default();
+        if command == APPLY {
+            self.ask("workspace/applyEdit", json!({ "edit": params["arguments"][0] }));
+            return Ok(Some(Json::Null));
+        }
         let argument = |index: usize| params["arguments"][index].as_str();
         let path = argument(0).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
         let path = path.ok_or_else(|| format!("`{command}` wants the URI of a graph first"))?;
@@ -133,7 +171,11 @@ impl Server {
         let roots = self.choices.roots.iter().map(|root| root.display().to_string());
         let roots = Vec::from_iter(roots.flat_map(|root| ["--root".to_owned(), root]));
         let first: &[&str] = match command {
-            "maquette.run" => &["run", "--json"],
+            "maquette.run" => match first_word(&text) {
+                "Sweep" => &["batch"],
+                "Test" => &["test"],
+                _ => &["run", "--json"],
+            },
             "maquette.inspect" => &["inspect"],
             "maquette.why" => &["why"],
             "maquette.watch" => {
@@ -176,6 +218,8 @@ impl Commands {
         let mut program = Command::new(&self.program);
         program.current_dir(project_root(graph.parent().unwrap_or(Path::new("/"))));
         program.stdin(Stdio::null()).stdout(Stdio::piped());
+        // It ends with this process, however that ends.
+        program.env(PARENT, std::process::id().to_string());
         program
     }
 
@@ -188,7 +232,7 @@ impl Commands {
         program.args(&words).args(&self.words).stderr(Stdio::piped());
         let mut child = program.spawn().map_err(|error| self.not_run(&error))?;
         let (out, err) = (child.stdout.take(), child.stderr.take());
-        lock(&self.running).insert(token.clone(), child);
+        lock(&self.running).insert(token.clone(), Running { id: id.clone(), child });
         let (client, sender, checks) = (self.client, self.sender.clone(), self.checks.clone());
         let (running, news, is_run) = (self.running.clone(), self.news.clone(), verb == "run");
         let title = format!("{verb} {}", path.file_name().unwrap_or_default().display());
@@ -205,9 +249,10 @@ impl Commands {
             }
             let error = std::thread::spawn(move || all(err));
             let (out, error) = (all(out), error.join().unwrap_or_default());
-            let child = lock(&running).remove(&token);
-            let is_cancelled = child.is_none();
-            child.into_iter().for_each(|mut child| drop(child.wait()));
+            // Who has taken it away has answered.
+            let running = lock(&running).remove(&token);
+            let is_cancelled = running.is_none();
+            running.into_iter().for_each(|mut it| drop(it.child.wait()));
             let words = match (is_run, serde_json::from_str::<Json>(&out)) {
                 (true, Ok(document)) => {
                     let diagnostics = diagnostics(&document, &path, &text, client);
@@ -226,7 +271,9 @@ impl Commands {
                 tell("window/logMessage", json!({ "type": 3, "message": words }));
                 tell("window/showMessage", json!({ "type": 3, "message": first }));
             }
-            let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
+            if !is_cancelled {
+                let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
+            }
         });
         Ok(())
     }

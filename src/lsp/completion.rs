@@ -8,6 +8,7 @@ use maquette_syntax::{Cursor, Passed, TypedKind, cursor, each_word};
 use super::library::Library;
 use super::scope::{Declared, Scope};
 use super::slot::{FieldOf, Inside, Keys, Slot, Slots};
+use super::symbols::has_letters;
 
 mod values;
 
@@ -99,20 +100,29 @@ fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span>
 /// Leaves what may be meant by what has been typed, the likeliest first: what begins so, then what has it in it, then its letters in order.
 fn rank(list: &mut Vec<Proposal>, typed: &str) {
     let typed = typed.to_lowercase();
-    let distance = |label: &str| {
-        let label = label.to_lowercase();
-        let mut rest = label.chars();
+    let distance = |it: &Proposal| {
+        let label = it.label.to_lowercase();
         match label.find(&typed) {
             Some(0) => Some(0),
             Some(_) => Some(1),
-            None => typed.chars().all(|c| rest.any(|other| other == c)).then_some(2),
+            None if has_letters(&label, &typed) => Some(2),
+            None => is_described_with(it, &typed).then_some(3),
         }
     };
     // A name over several lines is a string without an end.
-    list.retain(|it| distance(&it.label).is_some() && !it.label.contains(['\n', '\r']));
-    list.sort_by_key(|proposal| (distance(&proposal.label), proposal.rank));
+    list.retain(|it| distance(it).is_some() && !it.label.contains(['\n', '\r']));
+    list.sort_by_cached_key(|proposal| (distance(proposal), proposal.rank));
     let mut seen = BTreeSet::new();
     list.retain(|proposal| seen.insert((proposal.label.clone(), proposal.insert.clone())));
+}
+
+/// Returns true if the description of a node has a word that begins so: one of another program, such as "decimate" for `Simplify`.
+fn is_described_with(it: &Proposal, typed: &str) -> bool {
+    // So short a word is in most of them.
+    const MIN_LETTERS: usize = 4;
+    let is_meant = it.sort == Sort::Node && MIN_LETTERS <= typed.chars().count();
+    let is_word = |word: &str| word.to_lowercase().starts_with(typed);
+    is_meant && it.doc.split(|c: char| !c.is_alphanumeric()).any(is_word)
 }
 
 struct Search<'a> {

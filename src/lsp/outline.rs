@@ -81,7 +81,7 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
 }
 
 /// Where each bracket opens, and where what it opens ends: behind the bracket that closes it.
-fn ends(text: &str) -> Vec<(usize, usize)> {
+pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
     let (mut open, mut ends) = (Vec::new(), Vec::new());
     for (token, span) in tokens(text) {
         match token {

@@ -19,13 +19,10 @@ pub(super) enum Columns {
 
 impl Columns {
     /// What both know, bytes at best: those are what we have.
-    pub(super) fn agreed(offered: Option<&[PositionEncodingKind]>) -> Self {
-        let knows = |kind| offered.is_some_and(|offered| offered.contains(&kind));
+    pub(super) fn agreed(offered: &[&str]) -> Self {
         match () {
-            () if knows(PositionEncodingKind::UTF8) => Self::Utf8,
-            () if knows(PositionEncodingKind::UTF16) || !knows(PositionEncodingKind::UTF32) => {
-                Self::Utf16
-            }
+            () if offered.contains(&"utf-8") => Self::Utf8,
+            () if offered.contains(&"utf-16") || !offered.contains(&"utf-32") => Self::Utf16,
             () => Self::Utf32,
         }
     }

@@ -277,7 +277,7 @@ fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Resul
 }
 
 /// The files with graphs, patches and tests of the project that a file belongs to, and those that have not been saved yet.
-fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
+pub(super) fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
     let root = project_root(path.parent().unwrap_or(Path::new("/")));
     let mut files = Vec::new();
     collect(&root, 0, &mut files);

@@ -1,6 +1,6 @@
 //! The server: it listens to an editor, and answers.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -8,10 +8,8 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
-use gen_lsp_types::{
-    DidChangeTextDocumentParams, DidCloseTextDocumentParams, DidOpenTextDocumentParams,
-    DidSaveTextDocumentParams, InitializeParams, TextDocumentContentChangeEvent, Uri,
-};
+use crossbeam_channel::{Receiver, select};
+use gen_lsp_types::Uri;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestId, Response};
 use maquette_edit::real;
 use maquette_engine::session::Session;
@@ -20,8 +18,6 @@ use maquette_graph::{Graph, Options};
 use maquette_syntax::error::in_words;
 use maquette_syntax::paths::{MARKER, project_root};
 use maquette_syntax::{Passed, each_word, first_word};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Value as Json, json};
 
 use super::checker::Checker;
@@ -30,7 +26,9 @@ use super::last::Last;
 use super::library::Library;
 use super::place::{Columns, Lines, path_of};
 use super::project::Project;
-use crate::{capabilities, checker, place};
+use super::transport::id_of;
+use super::watcher::Event;
+use crate::{capabilities, checker, params, place, process};
 
 /// What the last evaluation found is looked up again after so long.
 pub const FRESH: Duration = Duration::from_secs(1);
@@ -46,8 +44,7 @@ pub struct Setup {
 }
 
 /// What an editor's user may choose.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
+#[derive(Clone, Debug)]
 pub struct Choices {
     /// Folders outside of the project that graphs may read.
     pub(crate) roots: Vec<PathBuf>,
@@ -65,10 +62,26 @@ impl Default for Choices {
     }
 }
 
+impl Choices {
+    /// Takes the settings that are given and can be understood; the others stay.
+    fn update(&mut self, given: &Json) {
+        let given = given.get("maquette").unwrap_or(given);
+        if let Some(roots) = given["roots"].as_array() {
+            self.roots = roots.iter().filter_map(Json::as_str).map(PathBuf::from).collect();
+        }
+        for (name, choice) in [("hints", &mut self.hints), ("shows", &mut self.shows)] {
+            *choice = given[name].as_bool().unwrap_or(*choice);
+        }
+        if let Some(kilobytes) = params::number(&given["largeFiles"]) {
+            self.large_files = kilobytes as usize;
+        }
+    }
+}
+
 /// A text that is open in the editor.
 pub struct Document {
-    /// As the editor writes it.
-    pub(crate) uri: Uri,
+    /// As the editor writes them: a file may be open under several names, by links.
+    pub(crate) uris: Vec<Uri>,
     pub(crate) version: i32,
     pub(crate) text: Arc<str>,
     /// What the last evaluation found, and when that was looked up.
@@ -82,8 +95,10 @@ pub struct Client {
     pub(crate) snippets: bool,
     /// Places that belong to a problem are shown beside it.
     pub(crate) related: bool,
-    /// It asks for hints and lenses again when it is told to.
-    pub(crate) refreshes: bool,
+    /// It asks for hints again when it is told to.
+    pub(crate) refreshes_hints: bool,
+    /// The same of lenses.
+    pub(crate) refreshes_lenses: bool,
     pub(crate) shows_documents: bool,
     /// It shows how far work is.
     pub(crate) progress: bool,
@@ -91,6 +106,16 @@ pub struct Client {
     pub(crate) creates_files: bool,
     /// It asks for the edits of an action that is chosen.
     pub(crate) resolves: bool,
+    /// Actions may have edits; else they are commands.
+    pub(crate) has_action_literals: bool,
+    /// Symbols may have children.
+    pub(crate) has_symbol_trees: bool,
+    pub(crate) hovers_markdown: bool,
+    pub(crate) completes_markdown: bool,
+    /// It can be asked for settings.
+    pub(crate) has_configuration: bool,
+    /// It tells of changed files when it is asked to.
+    pub(crate) watches_files: bool,
 }
 
 pub struct Server {
@@ -104,11 +129,17 @@ pub struct Server {
     pub(crate) checks: Sender<checker::Job>,
     pub(crate) commands: Commands,
     pub(crate) next: i32,
+    /// The folders that the editor has open.
+    pub(crate) folders: Vec<PathBuf>,
+    /// The editor has asked the server to end.
+    is_shut_down: bool,
 }
 
 /// Why there is no answer.
 pub enum Refused {
-    /// The request cannot be understood.
+    /// There is no such method.
+    Unknown(String),
+    /// The fields of the request cannot be understood.
     Invalid(String),
     /// It can, but not be done: in words for the user.
     Failed(String),
@@ -123,21 +154,22 @@ impl From<String> for Refused {
 /// Serves an editor until it says that it ends, or is gone.
 ///
 /// # Errors
-/// In words, if it does not speak the protocol.
+/// In words, if it ends in another way than the protocol says.
 pub fn serve(connection: &Connection, setup: Setup) -> Result<(), String> {
-    let begun = connection.initialize_start().map_err(|error| error.to_string())?;
-    let (id, params) = begun;
-    let params: InitializeParams =
-        serde_json::from_value(params).map_err(|error| error.to_string())?;
-    let client = capabilities::of_client(&params.capabilities);
-    let told = capabilities::of_server(client.columns);
-    connection.initialize_finish(id, told).map_err(|error| error.to_string())?;
-    let given = params.initialization_options.filter(|given| !given.is_null());
-    let choices = given.and_then(|given| serde_json::from_value(given).ok()).unwrap_or_default();
+    let (id, params) = initialize(connection)?;
+    let client = capabilities::of_client(&params["capabilities"]);
     let sender = connection.sender.clone();
+    let answer = Response::new_ok(id, capabilities::of_server(client));
+    sender.send(answer.into()).map_err(|_| "the editor reads nothing".to_owned())?;
+    let (happened, events) = crossbeam_channel::unbounded();
+    if let Some(editor) = params::number(&params["processId"]) {
+        process::watch(editor, happened.clone());
+    }
+    let mut choices = Choices::default();
+    choices.update(&params["initializationOptions"]);
     let Setup { session, program, words } = setup;
     let catalog = session.shared_catalog();
-    let (checks, checker) = Checker::start(catalog.clone(), client, sender.clone());
+    let (checks, checker) = Checker::start(catalog.clone(), client, sender.clone(), happened);
     let commands = Commands::new((program, words), client, sender.clone(), checks.clone());
     let (documents, project) = (BTreeMap::new(), Project::default());
     let mut server = Server {
@@ -151,111 +183,241 @@ pub fn serve(connection: &Connection, setup: Setup) -> Result<(), String> {
         checks,
         commands,
         next: 0,
+        folders: folders(&params),
+        is_shut_down: false,
     };
-    let ended = server.listen(connection);
+    let ended = server.listen(&connection.receiver, &events);
     drop(server);
     let _ = checker.join();
     ended
 }
 
+/// Waits for the first request, and gives its id and fields.
+fn initialize(connection: &Connection) -> Result<(RequestId, Json), String> {
+    for message in &connection.receiver {
+        match message {
+            Message::Request(request) if request.method == "initialize" => {
+                return Ok((request.id, request.params));
+            }
+            Message::Request(Request { id, method, .. }) => {
+                let why = format!("expected `initialize`, found `{method}`");
+                let code = ErrorCode::ServerNotInitialized as i32;
+                let _ = connection.sender.send(Response::new_err(id, code, why).into());
+            }
+            Message::Notification(told) if told.method == "exit" => {
+                return Err("expected `initialize`, found `exit`".into());
+            }
+            Message::Notification(_) | Message::Response(_) => {}
+        }
+    }
+    Err("expected `initialize`, found the end of the input".into())
+}
+
+/// The folders that an editor has open.
+fn folders(params: &Json) -> Vec<PathBuf> {
+    let several = params["workspaceFolders"].as_array();
+    let uris = several.into_iter().flatten().map(|folder| &folder["uri"]);
+    let uris = uris.chain([&params["rootUri"]]).filter_map(Json::as_str);
+    let mut folders = Vec::from_iter(uris.filter_map(|uri| path_of(&uri.into())));
+    if let (true, Some(root)) = (folders.is_empty(), params["rootPath"].as_str()) {
+        folders.push(root.into());
+    }
+    folders.iter().map(|folder| real(folder)).collect()
+}
+
 impl Server {
-    pub(crate) fn listen(&mut self, connection: &Connection) -> Result<(), String> {
-        for message in &connection.receiver {
-            match message {
-                Message::Request(request) => {
-                    if connection.handle_shutdown(&request).map_err(|error| error.to_string())? {
-                        return Ok(());
+    fn listen(
+        &mut self,
+        messages: &Receiver<Message>,
+        events: &Receiver<Event>,
+    ) -> Result<(), String> {
+        let mut waiting = VecDeque::new();
+        loop {
+            if waiting.is_empty() {
+                select! {
+                    recv(messages) -> message => match message {
+                        Ok(message) => waiting.push_back(message),
+                        Err(_) => return Ok(()),
+                    },
+                    recv(events) -> event => {
+                        match event {
+                            Ok(Event::FilesChanged) => self.check(None),
+                            // Without events there is no checker either.
+                            Ok(Event::EditorEnded) | Err(_) => return Ok(()),
+                        }
+                        continue;
                     }
-                    self.request(request);
                 }
-                Message::Notification(told) if told.method == "exit" => return Ok(()),
-                Message::Notification(told) => self.hear(told),
-                Message::Response(_) => {}
+            }
+            waiting.extend(messages.try_iter());
+            match waiting.pop_front() {
+                Some(Message::Request(request)) if is_cancelled(&request.id, &waiting) => {
+                    self.refuse(request.id, ErrorCode::RequestCanceled, "cancelled".into());
+                }
+                Some(Message::Request(request)) => self.request(request),
+                Some(Message::Notification(told)) if told.method == "exit" => {
+                    return match self.is_shut_down {
+                        true => Ok(()),
+                        false => Err("expected `shutdown` before `exit`".into()),
+                    };
+                }
+                Some(Message::Notification(told)) if !self.is_shut_down => self.hear(told),
+                Some(Message::Response(answer)) => self.answered(answer),
+                Some(Message::Notification(_)) | None => {}
             }
         }
-        Ok(())
+    }
+
+    fn refuse(&self, id: RequestId, code: ErrorCode, why: String) {
+        // Nobody is left to tell if this fails.
+        let _ = self.sender.send(Response::new_err(id, code as i32, why).into());
     }
 
     pub(crate) fn request(&mut self, Request { id, method, params }: Request) {
+        if self.is_shut_down || method == "initialize" {
+            let why = match self.is_shut_down {
+                true => format!("expected `exit` after `shutdown`, found `{method}`"),
+                false => "expected `initialize` once, found it again".to_owned(),
+            };
+            return self.refuse(id, ErrorCode::InvalidRequest, why);
+        }
+        if method == "shutdown" {
+            self.is_shut_down = true;
+            self.commands.end();
+            let _ = self.sender.send(Response::new_ok(id, ()).into());
+            return;
+        }
         if method == "workspace/executeCommand" {
             return self.execute(id, &params);
         }
-        let answer = catch_unwind(AssertUnwindSafe(|| self.answer(&method, params)));
-        let response = match answer {
-            Ok(Ok(result)) => Response::new_ok(id, result),
-            Ok(Err(Refused::Failed(why))) => {
-                Response::new_err(id, ErrorCode::RequestFailed as i32, why)
-            }
-            Ok(Err(Refused::Invalid(why))) => {
-                Response::new_err(id, ErrorCode::InvalidRequest as i32, why)
+        let answer = catch_unwind(AssertUnwindSafe(|| self.answer(&method, &params)));
+        match answer {
+            Ok(Ok(result)) => drop(self.sender.send(Response::new_ok(id, result).into())),
+            Ok(Err(Refused::Failed(why))) => self.refuse(id, ErrorCode::RequestFailed, why),
+            Ok(Err(Refused::Invalid(why))) => self.refuse(id, ErrorCode::InvalidParams, why),
+            Ok(Err(Refused::Unknown(method))) => {
+                let why = format!("there is no method `{method}` here");
+                self.refuse(id, ErrorCode::MethodNotFound, why);
             }
             Err(panic) => {
                 let why = format!("a bug of the language server: {}", in_words(&*panic));
-                Response::new_err(id, ErrorCode::InternalError as i32, why)
+                self.refuse(id, ErrorCode::InternalError, why);
             }
-        };
-        // Nobody is left to tell if this fails.
-        let _ = self.sender.send(response.into());
+        }
     }
 
     pub(crate) fn hear(&mut self, Notification { method, params }: Notification) {
-        match &method[..] {
-            "textDocument/didOpen" => {
-                let Ok(DidOpenTextDocumentParams { text_document: it }) =
-                    serde_json::from_value(params)
-                else {
-                    return;
-                };
-                self.put(it.uri, it.version, it.text);
+        let heard = catch_unwind(AssertUnwindSafe(|| self.take_note(&method, &params)));
+        if let Err(panic) = heard {
+            let why = format!("a bug of the language server: {}", in_words(&*panic));
+            let params = json!({ "type": 1, "message": why });
+            let method = "window/logMessage".to_owned();
+            let _ = self.sender.send(Notification { method, params }.into());
+        }
+    }
+
+    fn take_note(&mut self, method: &str, params: &Json) {
+        let document = &params["textDocument"];
+        let uri = document["uri"].as_str().map(|uri| Uri(uri.to_owned()));
+        // An editor that counts in another way still changes its texts.
+        let version = document["version"].as_f64().map_or(0, |version| version as i32);
+        match (method, uri) {
+            ("initialized", _) => self.register(),
+            ("textDocument/didOpen", Some(uri)) => {
+                if let Some(text) = document["text"].as_str() {
+                    self.put(uri, version, text.to_owned());
+                }
             }
-            "textDocument/didChange" => {
-                let Ok(changed) = serde_json::from_value::<DidChangeTextDocumentParams>(params)
-                else {
-                    return;
-                };
-                let uri = changed.text_document.text_document_identifier.uri;
-                let Some(last) = changed.content_changes.into_iter().last() else { return };
-                // The whole text, as was agreed.
-                let text = match last {
-                    TextDocumentContentChangeEvent::TextDocumentContentChangePartial(it) => it.text,
-                    TextDocumentContentChangeEvent::TextDocumentContentChangeWholeDocument(it) => {
-                        it.text
+            ("textDocument/didChange", Some(uri)) => {
+                let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
+                let Some(known) = self.documents.get(&path) else { return };
+                let mut text = known.text.to_string();
+                for change in params["contentChanges"].as_array().into_iter().flatten() {
+                    let Some(new) = change["text"].as_str() else { continue };
+                    // The whole text, as was agreed, unless an editor says a part.
+                    text = match params::range(&change["range"]) {
+                        Ok(range) => {
+                            let lines = Lines::new(&text, self.client.columns);
+                            let (start, end) = (lines.offset(range.start), lines.offset(range.end));
+                            [&text[..start], new, &text[end.max(start)..]].concat()
+                        }
+                        Err(_) => new.to_owned(),
+                    };
+                }
+                self.put(uri, version, text);
+            }
+            ("textDocument/didClose", Some(uri)) => {
+                let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
+                if let Some(document) = self.documents.get_mut(&path) {
+                    document.uris.retain(|known| *known != uri);
+                    if document.uris.is_empty() {
+                        self.documents.remove(&path);
                     }
-                };
-                self.put(uri, changed.text_document.version, text);
-            }
-            "textDocument/didClose" => {
-                let Ok(closed) = serde_json::from_value::<DidCloseTextDocumentParams>(params)
-                else {
-                    return;
-                };
-                if let Some(path) = path_of(&closed.text_document.uri) {
-                    self.documents.remove(&real(&path));
                 }
                 self.check(None);
             }
-            "textDocument/didSave" => {
-                let saved = serde_json::from_value::<DidSaveTextDocumentParams>(params).ok();
-                self.check(saved.and_then(|saved| path_of(&saved.text_document.uri)));
+            ("textDocument/didSave", uri) => self.check(uri.and_then(|uri| path_of(&uri))),
+            ("workspace/didChangeWatchedFiles", _) => self.check(None),
+            ("workspace/didChangeWorkspaceFolders", _) => {
+                let added = folders(&json!({ "workspaceFolders": params["event"]["added"] }));
+                let removed = folders(&json!({ "workspaceFolders": params["event"]["removed"] }));
+                self.folders.retain(|folder| !removed.contains(folder));
+                self.folders.extend(added);
             }
-            "workspace/didChangeWatchedFiles" => self.check(None),
-            "workspace/didChangeConfiguration" => {
-                let given = params["settings"]["maquette"].clone();
-                if let Ok(choices) = serde_json::from_value(given) {
-                    self.choices = choices;
+            ("workspace/didChangeConfiguration", _) => {
+                if params["settings"].is_object() {
+                    self.choices.update(&params["settings"]);
                     self.check(None);
+                } else if self.client.has_configuration {
+                    let items = json!({ "items": [{ "section": "maquette" }] });
+                    self.ask(CONFIGURATION, items);
                 }
             }
-            "window/workDoneProgress/cancel" => self.commands.cancel(&params["token"]),
+            ("$/cancelRequest", _) => self.commands.cancel_request(&id_of(&params["id"])),
+            ("window/workDoneProgress/cancel", _) => self.commands.cancel(&params["token"]),
             _ => {}
         }
+    }
+
+    /// Takes the answer to a request of ours.
+    fn answered(&mut self, answer: Response) {
+        let is_configuration = answer.id.to_string().contains(CONFIGURATION);
+        if let (true, Ok(settings)) = (is_configuration, &answer.response_result) {
+            self.choices.update(&settings[0]);
+            self.check(None);
+        }
+    }
+
+    /// Asks to be told of changed graphs, where the editor can do that. Other files that texts depend on are looked at by the checker.
+    fn register(&mut self) {
+        if self.client.watches_files {
+            let watchers =
+                ["**/*.ron", "**/maquette.toml"].map(|glob| json!({ "globPattern": glob }));
+            let method = "workspace/didChangeWatchedFiles";
+            let options = json!({ "watchers": watchers });
+            let registration =
+                json!({ "id": "files", "method": method, "registerOptions": options });
+            self.ask("client/registerCapability", json!({ "registrations": [registration] }));
+        }
+    }
+
+    /// Sends a request to the editor.
+    pub(crate) fn ask(&mut self, method: &str, params: Json) {
+        self.next += 1;
+        let id = format!("maquette-{}-{method}", self.next).into();
+        let _ = self.sender.send(Request { id, method: method.into(), params }.into());
     }
 
     /// A text is open, or has changed.
     pub(crate) fn put(&mut self, uri: Uri, version: i32, text: String) {
         let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
-        self.documents
-            .insert(path.clone(), Document { uri, version, text: text.into(), last: None });
+        let known = self.documents.remove(&path).map(|document| document.uris);
+        let mut uris = known.unwrap_or_default();
+        if !uris.contains(&uri) {
+            uris.push(uri);
+        }
+        let document = Document { uris, version, text: text.into(), last: None };
+        self.documents.insert(path.clone(), document);
         self.check(Some(path));
     }
 
@@ -272,7 +434,8 @@ impl Server {
                 false => open.push(document),
             }
         }
-        let uris = self.documents.iter().map(|(path, it)| (path.clone(), it.uri.clone())).collect();
+        let uris =
+            self.documents.iter().map(|(path, it)| (path.clone(), it.uris.clone())).collect();
         // The thread lives as long as this.
         let _ = self.checks.send(checker::Job::Check { open, uris, options: self.options() });
     }
@@ -284,19 +447,11 @@ impl Server {
         Options { texts: texts.collect(), roots, pins: true, ..Options::default() }
     }
 
-    /// A number for a request of our own.
-    pub(crate) fn number(&mut self) -> RequestId {
-        self.next += 1;
-        format!("maquette-{}", self.next).into()
-    }
-
     /// Opens a file or a page in the editor, or asks its system to.
     pub(crate) fn show(&mut self, uri: &str, external: bool) {
         if self.client.shows_documents && !self.choices.shows {
             let params = json!({ "uri": uri, "external": external, "takeFocus": true });
-            let request =
-                Request { id: self.number(), method: "window/showDocument".into(), params };
-            let _ = self.sender.send(request.into());
+            self.ask("window/showDocument", params);
         }
     }
 }
@@ -310,16 +465,18 @@ pub struct Subject<'s> {
 }
 
 impl Server {
-    /// The text that a request is about; none if it is not one of ours, of which nothing is said.
+    /// The text that a request is about; `None` if it is not one of ours, of which nothing is said, or a large one, of which only problems
+    /// are reported.
     pub(crate) fn subject<'s>(&self, uri: &Uri, text: &'s mut Arc<str>) -> Option<Subject<'s>> {
         let path = real(&path_of(uri)?);
         let document = self.documents.get(&path)?;
-        if !is_ours(&path, &document.text) && !is_new(&path, &document.text) {
+        let text_is_ours = is_ours(&path, &document.text) || is_new(&path, &document.text);
+        if !text_is_ours || self.is_large(&document.text) {
             return None;
         }
         *text = document.text.clone();
         let lines = Lines::new(text, self.client.columns);
-        Some(Subject { path, uri: document.uri.clone(), lines, options: self.options() })
+        Some(Subject { path, uri: uri.clone(), lines, options: self.options() })
     }
 
     /// Whether only the problems of a text are told.
@@ -358,7 +515,8 @@ impl Server {
     pub(crate) fn uri(&self, path: &Path) -> Uri {
         self.documents
             .get(path)
-            .map_or_else(|| place::uri_of(path), |document| document.uri.clone())
+            .and_then(|document| document.uris.last().cloned())
+            .unwrap_or_else(|| place::uri_of(path))
     }
 
     /// The text of a file, open or not.
@@ -366,6 +524,19 @@ impl Server {
         let open = self.documents.get(path).map(|document| document.text.clone());
         open.unwrap_or_else(|| maquette_value::plain::read_text(path).unwrap_or_default().into())
     }
+}
+
+/// The method by which editors are asked for settings.
+const CONFIGURATION: &str = "workspace/configuration";
+
+/// Returns true if one of these messages cancels a request.
+fn is_cancelled(id: &RequestId, waiting: &VecDeque<Message>) -> bool {
+    waiting.iter().any(|message| match message {
+        Message::Notification(told) => {
+            told.method == "$/cancelRequest" && id_of(&told.params["id"]) == *id
+        }
+        Message::Request(_) | Message::Response(_) => false,
+    })
 }
 
 /// Returns true if a text is a graph, a patch, a test or a sweep. Without a project around it, it must have a field of these, since
@@ -404,9 +575,4 @@ pub fn is_in_project(path: &Path) -> bool {
 
 fn is_ron(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "ron")
-}
-
-/// What a request says.
-pub fn read<P: DeserializeOwned>(params: Json) -> Result<P, Refused> {
-    serde_json::from_value(params).map_err(|error| Refused::Invalid(error.to_string()))
 }

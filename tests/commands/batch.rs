@@ -559,6 +559,7 @@ fn samples_of_the_documentation_run() {
         fs::create_dir(project.folder().join("lib")).unwrap();
         let skin = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/lib/skin.ron");
         fs::copy(skin, project.folder().join("lib/skin.ron")).unwrap();
+        write(&project, "cases.csv", "levels\n0\n1\n");
         let (code, document) = batch(&project, &[]);
         assert_eq!(code, Some(0), "{document}");
         let has_picture =
@@ -569,7 +570,7 @@ fn samples_of_the_documentation_run() {
         assert!(format.status.success(), "{sample}");
         count += 1;
     }
-    assert_eq!(count, 2);
+    assert_eq!(count, 3);
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod editor;
 mod edits;
 mod law;
 mod names;
+mod protocol;
 mod refactor;
 
 use editor::{Editor, edited, position, uri};

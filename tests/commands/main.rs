@@ -3,6 +3,7 @@
 mod all_mistakes;
 mod at_once;
 mod batch;
+mod batch_reports;
 mod blessing;
 mod builds;
 mod cache_folder;

@@ -54,8 +54,7 @@ impl Handover<'_> {
 
     /// The template of a job. Its tasks run in folders of their own, so that the current one is a parameter.
     fn openjd(&self) -> String {
-        let run = |last: &[&str]| {
-            let inside = "cd \"$0\" && exec \"$@\"";
+        let run = |inside: &str, last: &[&str]| {
             let words = ["-c", inside, "{{Param.Project}}"].into_iter().map(str::to_owned);
             // Braces would be taken for parameters.
             let own = self.words.iter().map(|word| word.replace("{{", "{ {").replace("}}", "} }"));
@@ -63,8 +62,12 @@ impl Handover<'_> {
             let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
             let last = last.iter().map(|&word| word.to_owned());
             let args = Vec::from_iter(words.chain(own).chain(set).chain(last));
-            json!({ "actions": { "onRun": { "command": "bash", "args": args } } })
+            json!({ "command": "bash", "args": args })
         };
+        let on_run = |last: &[&str]| json!({ "actions": { "onRun": run("cd \"$0\" && exec \"$@\"", last) } });
+        // A step that depends on tasks does not run where one of them fails, but an environment ends in any case.
+        let page = json!({ "onExit": run("cd \"$0\" && \"$@\" || true", &["--report"]) });
+        let page = json!({ "name": "Page", "script": { "actions": page } });
         let tasks = json!({ "name": "Task", "type": "INT", "range": format!("0-{}", self.tasks.saturating_sub(1)) });
         let project = json!({
             "name": "Project",
@@ -78,17 +81,18 @@ impl Handover<'_> {
         let definitions = Vec::from_iter([project].into_iter().chain(own));
         let job = json!({
             "specificationVersion": "jobtemplate-2023-09",
-            "name": self.name,
+            "name": job_name(self.name),
             "parameterDefinitions": definitions,
             "steps": [
-                { "name": "Warm", "script": run(&["--warm", "--events=openjd"]) },
+                { "name": "Warm", "script": on_run(&["--warm", "--events=openjd"]) },
                 {
                     "name": "Tasks",
                     "dependencies": [{ "dependsOn": "Warm" }],
                     "parameterSpace": { "taskParameterDefinitions": [tasks] },
-                    "script": run(&["--events=openjd", "--task", "{{Task.Param.Task}}"]),
+                    "stepEnvironments": [page],
+                    "script": on_run(&["--events=openjd", "--task", "{{Task.Param.Task}}"]),
                 },
-                { "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": run(&["--report"]) },
+                { "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": on_run(&["--report"]) },
             ],
         });
         format!("{job:#}\n")
@@ -123,6 +127,14 @@ impl Handover<'_> {
             ],
         )
     }
+}
+
+/// A name that Open Job Description takes: up to 128 characters, without control characters and `{{`, which would begin a parameter.
+fn job_name(name: &str) -> String {
+    let name = name.replace("{{", "{ {").replace("}}", "} }");
+    let name = name.chars().map(|c| if c.is_control() { '-' } else { c }).take(128);
+    let name = String::from_iter(name);
+    if name.trim().is_empty() { "batch".into() } else { name }
 }
 
 /// A text with something in the place of each mark, `@NAME@`, that is in the text itself.
@@ -220,6 +232,13 @@ mod tests {
         let words = ["maquette", "batch", "it's.ron", "--set", "a=$x"].map(str::to_owned);
         let (words, parameters) = (&words[..], &[][..]);
         Handover { name: "it's", words, parameters, tasks, folder: "/a b" }.to(engine)
+    }
+
+    #[test]
+    fn any_name_is_one_of_a_job() {
+        assert_eq!(job_name("a{{{b}}\n"), "a{ {{b} }-");
+        assert_eq!(job_name(""), "batch");
+        assert_eq!(job_name(&"\u{e4}".repeat(300)).chars().count(), 128);
     }
 
     #[test]

@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use maquette_syntax::error::{Span, code};
+use maquette_syntax::paths::{PathProblem, may_read};
 use maquette_syntax::{Body, Finding, Help, Kind, Tree};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::files::Meant;
+use super::table::{self, Cell};
 
 /// What differs from task to task.
 #[derive(Deserialize, JsonSchema)]
@@ -25,6 +27,16 @@ pub(super) enum Axis {
         #[schemars(with = "Vec<serde_json::Value>")]
         Vec<serde::de::IgnoredAny>,
     ),
+    /// Equally spaced values from one to another, both included: `Range("growth", 5, 20, 4)` is 5, 10, 15 and 20.
+    Range(
+        #[schemars(extend("format" = "target"))] String,
+        f64,
+        f64,
+        #[schemars(range(min = 2, max = 1_000_000))] u32,
+    ),
+    /// The rows of a table, a task each: `Table("values.csv")`. Its columns are named as in `Values`, in the first line of a CSV file, or as the
+    /// keys of the objects in a list of JSON.
+    Table(String),
     /// Files, a task each: `Files("scans/*/range.pcd", set: "scan.range")`.
     Files {
         /// Which files, relative to this one: `*` stands for any letters, `?` for one. Folders may be meant, too.
@@ -119,6 +131,15 @@ fn count(axis: &Tree) -> usize {
         "Product" => list(0).iter().map(count).fold(1, usize::saturating_mul),
         "Zip" => list(0).iter().map(count).max().unwrap_or(1),
         "Values" => list(1).len().max(1),
+        "Range" => match &axis.kind {
+            Kind::Call { body: Body::Items(items), .. } => {
+                match items.get(3).map(|item| &item.kind) {
+                    Some(Kind::Number { value, .. }) => *value as usize,
+                    _ => 1,
+                }
+            }
+            _ => 1,
+        },
         _ => 1,
     }
 }
@@ -197,6 +218,8 @@ impl Reader<'_> {
                 zipped
             }
             Axis::Values(name, _) => self.values(name, items),
+            Axis::Range(name, from, to, count) => self.range(name, (*from, *to, *count), items),
+            Axis::Table(path) => self.table(path, tree.span),
             Axis::Files { pattern, set, input, beside, name } => {
                 self.files(&Meant { pattern, set, input, beside, name, tree })
             }
@@ -245,5 +268,58 @@ impl Reader<'_> {
         };
         let rows = values.iter().map(row).collect();
         Rows { names: vec![(name.to_owned(), target.span)], rows }
+    }
+
+    fn range(&mut self, name: &str, (from, to, count): (f64, f64, u32), items: &[Tree]) -> Rows {
+        let [target, first, ..] = items else { return Rows::default() };
+        let last = f64::from(count - 1);
+        let row = |index: u32| {
+            // The ends are exact, and so are the values between whole numbers that are whole.
+            let step = f64::from(index);
+            let value = if index == count - 1 { to } else { from + (to - from) * step / last };
+            let text = value.to_string();
+            let set = Set {
+                target: name.to_owned(),
+                text: text.clone(),
+                span: first.span,
+                of: target.span,
+            };
+            Row { values: vec![text], set: vec![set], inputs: Vec::new() }
+        };
+        let rows = (0..count).map(row).collect();
+        Rows { names: vec![(name.to_owned(), target.span)], rows }
+    }
+
+    fn table(&mut self, path: &str, span: Span) -> Rows {
+        let file = self.folder.join(path);
+        if let Err(problem) = may_read(path, &file, self.roots) {
+            let (code, message, help) = match problem {
+                PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
+                PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+            };
+            self.find(code, span, message, help);
+            return Rows::default();
+        }
+        let read = maquette_value::plain::read_text(&file);
+        let read = read.map_err(|error| format!("cannot read it: {error}"));
+        let table = match read.and_then(|text| table::read(path, &text)) {
+            Ok(table) => table,
+            Err(why) => {
+                self.find(code::WRONG_VALUE, span, format!("{path}: {why}"), "");
+                return Rows::default();
+            }
+        };
+        let row = |cells: &Vec<Cell>| {
+            let set = table.names.iter().zip(cells).map(|(name, cell)| Set {
+                target: name.clone(),
+                text: cell.text.clone(),
+                span,
+                of: span,
+            });
+            let values = cells.iter().map(|cell| cell.shown.clone()).collect();
+            Row { values, set: set.collect(), inputs: Vec::new() }
+        };
+        let rows = table.rows.iter().map(row).collect();
+        Rows { names: table.names.iter().map(|name| (name.clone(), span)).collect(), rows }
     }
 }

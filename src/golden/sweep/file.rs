@@ -351,7 +351,9 @@ impl Checker<'_> {
                 }
             }
         };
-        let named = Vec::from_iter(rows.rows.iter().map(|row| template.name(&row.values)));
+        let named = Vec::from_iter(
+            rows.rows.iter().enumerate().map(|(index, row)| template.name(index, &row.values)),
+        );
         let span = out.map_or(tree.span, |out| out.span);
         let told = |index: usize| values_in_words(&names, &rows.rows[index].values);
         let (message, help): (_, Help) = match clash(&named) {

@@ -4,6 +4,8 @@ use std::collections::HashMap;
 
 use maquette_syntax::spelling::file_key;
 use maquette_value::Hash;
+use unicode_normalization::UnicodeNormalization;
+use unicode_normalization::char::is_combining_mark;
 
 /// A name made of values: `{scan}/{growth}_{levels}`.
 pub(super) struct Template {
@@ -14,6 +16,8 @@ enum Piece {
     Text(String),
     /// Which of the values.
     Value(usize),
+    /// The number of the task.
+    Index,
 }
 
 /// What is wrong with a template: where in it, what, and what was meant to be a name, if that is it.
@@ -65,7 +69,11 @@ impl Template {
                         ..wrong(at, &format!("nothing in `over` has the name `{name}`"))
                     };
                     pieces.push(Piece::Text(std::mem::take(&mut plain)));
-                    pieces.push(Piece::Value(index.ok_or_else(unknown)?));
+                    pieces.push(match index {
+                        Some(index) => Piece::Value(index),
+                        None if name == "index" => Piece::Index,
+                        None => return Err(unknown()),
+                    });
                     rest = behind;
                 }
                 '}' => return Err(wrong(at, "`}` closes nothing; `}}` stands for one")),
@@ -88,13 +96,14 @@ impl Template {
         self.pieces.iter().any(|piece| matches!(piece, Piece::Value(index) if *index == value))
     }
 
-    /// The name with these values.
-    pub(super) fn name(&self, values: &[String]) -> String {
+    /// The name of the task of this number with these values.
+    pub(super) fn name(&self, index: usize, values: &[String]) -> String {
         let mut name = String::new();
         for piece in &self.pieces {
             match piece {
                 Piece::Text(text) => name += text,
-                Piece::Value(index) => name += &plain(&values[*index]),
+                Piece::Value(value) => name += &plain(&values[*value]),
+                Piece::Index => name += &index.to_string(),
             }
         }
         let parts = name.split('/').map(safe);
@@ -106,8 +115,9 @@ impl Template {
 fn plain(value: &str) -> String {
     let mut name = String::new();
     let mut has_gap = false;
-    for c in value.chars() {
-        if c.is_alphanumeric() || ".+-_".contains(c) {
+    // An accent after its letter, as macOS writes names, is no letter: it is joined with it.
+    for c in value.nfc() {
+        if c.is_alphanumeric() || is_combining_mark(c) || ".+-_".contains(c) {
             if std::mem::take(&mut has_gap) && !name.is_empty() {
                 name.push('-');
             }
@@ -185,13 +195,14 @@ mod tests {
 
     fn named(template: &str, values: &[&str]) -> String {
         let template = Template::read(template, &["scan", "growth"]).unwrap();
-        template.name(&Vec::from_iter(values.iter().map(|value| (*value).to_owned())))
+        template.name(7, &Vec::from_iter(values.iter().map(|value| (*value).to_owned())))
     }
 
     #[test]
     fn names_are_made_of_values_and_fit_every_file_system() {
         assert_eq!(named("{scan}/{growth}", &["doll", "12.0"]), "doll/12.0");
         assert_eq!(named("{{{growth}}}", &["", "-3"]), "{-3}");
+        assert_eq!(named("{index}-{scan}", &["doll", ""]), "7-doll");
         for (value, name) in [
             ("mm(0.4)", "mm-0.4"),
             ("(1, -2.5, 3)", "1--2.5-3"),
@@ -202,6 +213,8 @@ mod tests {
             (".hidden", "_.hidden"),
             ("a/../b", "a-..-b"),
             ("über", "über"),
+            ("Mu\u{308}ller", "Müller"),
+            ("q\u{323}\u{307}", "q\u{323}\u{307}"),
             ("", "empty"),
             ("\u{202e}/\n", "empty"),
             ("end.", "end"),

@@ -9,9 +9,26 @@ use serde_json::Value as Json;
 use super::{Proposal, Search, Sort, is_text};
 use crate::library::{Library, NodeKind};
 use crate::scope::Declared;
-use crate::slot::{Slot, fields_of, takes};
+use crate::slot::{FieldOf, Slot, fields_of, takes};
 
 impl Search<'_> {
+    /// A node with its required ports.
+    fn node_call(&self, name: &str, fields: &[FieldOf]) -> String {
+        let ports = fields.iter().filter(|field| field.required);
+        let ports = Vec::from_iter(ports.filter_map(|field| match &field.slot {
+            Slot::Link(_) => Some((&field.name, "\"", "\"")),
+            Slot::List(item) if matches!(**item, Slot::Link(_)) => Some((&field.name, "[", "]")),
+            _ => None,
+        }));
+        if ports.is_empty() || self.behind().starts_with('(') {
+            return self.call(name);
+        }
+        let port = |(index, (name, open, close)): (usize, &(&String, &str, &str))| {
+            format!("{name}: {open}{}{close}", if index == 0 { "$0" } else { "" })
+        };
+        format!("{name}({})", Vec::from_iter(ports.iter().enumerate().map(port)).join(", "))
+    }
+
     /// Types of nodes: graphs that are used, then what takes the newest values.
     pub(super) fn nodes(&self) -> Vec<Proposal> {
         let mut known = Vec::new();
@@ -29,9 +46,8 @@ impl Search<'_> {
         let newest = newest.filter(|node| !node.kind.is_empty());
         let newest = newest.flat_map(|node| self.outputs(node)).flat_map(|(_, types)| types);
         let newest = Vec::from_iter(newest);
-        let rank = |kind: &NodeKind| {
-            let wanted = fields_of(&kind.schema, &kind.schema);
-            let mut wanted = wanted.iter().filter(|field| field.required);
+        let rank = |fields: &[FieldOf]| {
+            let mut wanted = fields.iter().filter(|field| field.required);
             let wanted = wanted.find_map(|field| match &field.slot {
                 Slot::Link(types) => Some(types.clone()),
                 Slot::List(item) => match &**item {
@@ -54,10 +70,14 @@ impl Search<'_> {
                     .map_or(900, |near| 10 * near.min(40)),
             }
         };
-        let node = |(index, (name, kind)): (usize, (&str, Rc<NodeKind>))| Proposal {
-            detail: gives(&kind),
-            doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
-            ..self.proposal(name, self.call(name), Sort::Node, 1000 * rank(&kind) + index)
+        let node = |(index, (name, kind)): (usize, (&str, Rc<NodeKind>))| {
+            let fields = fields_of(&kind.schema, &kind.schema);
+            let rank = 1000 * rank(&fields) + index;
+            Proposal {
+                detail: gives(&kind),
+                doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
+                ..self.proposal(name, self.node_call(name, &fields), Sort::Node, rank)
+            }
         };
         let mut found = Vec::from_iter(known.into_iter().enumerate().map(node));
         for (index, name) in ["ForEach", "Switch"].into_iter().enumerate() {

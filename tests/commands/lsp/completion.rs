@@ -1,6 +1,8 @@
 //! What is proposed while somebody writes.
 
-use super::editor::Editor;
+use serde_json::json;
+
+use super::editor::{Editor, uri};
 use super::{GRAPHS, face, files};
 use crate::thorough::is_thorough;
 
@@ -187,4 +189,80 @@ fn completion_bears_every_cut() {
     }
     assert!(asked * step > 15_000, "{asked}");
     assert!(named * step > 1_500 && 100 * met >= 97 * named, "{met} of {named}");
+}
+
+/// Texts that somebody has not finished: without an end somewhere, in the middle of other lines, with letters of several units.
+const BROKEN: [&str; 9] = [
+    "Graph(\n    format: 1,\n    nodes: {\n        \"b\": Primitive(shape: Sphere(radius: 2.0)),\n        \"s\": Subdivide(mesh: \"\n        \"t\": Subdivide(mesh: \"b\", levels: 1),\n    },\n    outputs: { \"b.ply\": \"t\" },\n)\n",
+    "Graph(format: 1, params: { \"g\": Number(default: 1.0) },\n nodes: {\n  \"b\": Primitive(shape: Sphere(radius: Expr(\"g * \n  \"t\": Subdivide(mesh: \"b\"),\n })\n",
+    "Graph(nodes: {\r\n \"b\": ReadMesh(path: \"ba\r\n \"c\": Transform(mesh: \"b\"),\r\n})\r\n",
+    "Graph(nodes: {\r \"b\": ReadMesh(path: \"ba\r \"c\": Transform(mesh: \"b\"),\r})\r",
+    "Graph(\n nodes: { \"\u{1f600}\u{e4}\": ReadMesh(path: r#\"ball\n obj\"#), /* open\n \"x\": Sub\n",
+    "Graph(use: { \"Nose\": \"lib/\n }, nodes: { \"n\": Nose(mesh: \"a\\\"\n\", lift: Param(\"\n) })",
+    "Sweep(\n graph: \"face.ron,\n over: Values(\"gro\n [1, 2]),\n)\n",
+    "Test(graph: \"face.ron\", cases: { \"a\": (set: { \"grow\n\": 3 }) })\n",
+    "Patch(of: \"face.ron\", params: {\n \"gro\n}, nodes: { \"smooth\": (lev\n",
+];
+
+#[test]
+fn every_completion_changes_its_own_line_around_the_cursor_only() {
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    let mut applied = 0;
+    for text in BROKEN {
+        editor.open(&path, text);
+        let lines = Vec::from_iter(
+            text.replace("\r\n", "\n").replace('\r', "\n").split('\n').map(str::to_owned),
+        );
+        for (line, content) in lines.iter().enumerate() {
+            let mut columns = Vec::from_iter(content.chars().scan(0, |column, c| {
+                let at = *column;
+                *column += c.len_utf16();
+                Some(at)
+            }));
+            columns.push(content.encode_utf16().count());
+            for column in columns {
+                let position = json!({ "line": line, "character": column });
+                let asked = json!({ "textDocument": { "uri": uri(&path) }, "position": position });
+                let found = editor.ask("textDocument/completion", asked);
+                for item in found["items"].as_array().into_iter().flatten() {
+                    let range = &item["textEdit"]["range"];
+                    let number = |way: &str| range.pointer(way).unwrap().as_u64().unwrap() as usize;
+                    let is_of_line = number("/start/line") == line && number("/end/line") == line;
+                    let (start, end) = (number("/start/character"), number("/end/character"));
+                    assert!(
+                        is_of_line && start <= column && column <= end,
+                        "{item} at {position} of {text:?}"
+                    );
+                    // What is replaced is a word or the inside of a text, never a bracket or a quote.
+                    let units = Vec::from_iter(content.encode_utf16());
+                    let replaced = String::from_utf16(&units[start..end]).unwrap();
+                    let is_kept = |c: char| "(){}[]:\"".contains(c);
+                    assert!(!replaced.contains(is_kept), "{replaced:?} at {position} of {text:?}");
+                    applied += 1;
+                }
+            }
+        }
+    }
+    assert!(applied > 3_000, "{applied}");
+}
+
+#[test]
+fn a_node_comes_with_its_required_ports_and_is_found_by_other_words() {
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    let mut first = |typed: &str| {
+        let text = format!("Graph(nodes: {{ \"a\": {typed}");
+        editor.open(&path, &text);
+        let found = editor.at("textDocument/completion", &path, &text, &text);
+        found["items"][0].clone()
+    };
+    let item = first("Decim");
+    assert_eq!((&item["label"], &item["filterText"]), (&"Simplify".into(), &"Decim".into()));
+    assert_eq!(item["textEdit"]["newText"], "Simplify(mesh: \"$0\")");
+    let item = first("Merg");
+    assert_eq!(item["textEdit"]["newText"], "Merge(meshes: [$0])");
+    assert_eq!(item.get("filterText"), None);
 }

@@ -29,7 +29,10 @@ impl Editor {
         let can = json!({
             "general": { "positionEncodings": ["utf-16"] },
             "textDocument": {
+                "codeAction": { "codeActionLiteralSupport": { "codeActionKind": { "valueSet": [""] } } },
                 "completion": { "completionItem": { "snippetSupport": true } },
+                "documentSymbol": { "hierarchicalDocumentSymbolSupport": true },
+                "hover": { "contentFormat": ["markdown"] },
                 "publishDiagnostics": { "relatedInformation": true },
             },
             "workspace": { "workspaceEdit": { "resourceOperations": ["create"], "documentChanges": true } },
@@ -146,6 +149,16 @@ impl Editor {
             self.hear(message);
         }
         self.told[&uri(path)].clone()
+    }
+
+    /// Waits until this file has no diagnostics.
+    pub(crate) fn no_diagnostics(&mut self, path: &Path) {
+        let start = Instant::now();
+        while !self.told[&uri(path)].is_empty() {
+            assert!(start.elapsed() < PATIENCE, "{:?}", self.told[&uri(path)]);
+            let message = self.receive();
+            self.hear(message);
+        }
     }
 
     /// What is asked about the place behind the first occurrence of `mark` in a text; `|` in it is the place itself.

@@ -1,0 +1,168 @@
+//! What a batch says without running anything: which tasks would run, and what became of those that have.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use maquette_golden::sweep::Task;
+use maquette_graph::catalog::Catalog;
+use maquette_syntax::error::Problem;
+use serde_json::{Value as Json, json};
+
+use super::{Batch, record_fields, unchanged_in_words};
+use crate::events::{EventFormat, Listener};
+use crate::openjd::JobProgress;
+use crate::tasks as batch;
+use crate::tasks::{Batch as Tasks, Record, Standing, State};
+use crate::{Exit, Shown, counted, eprint, print, print_json, put_problems};
+
+impl Batch {
+    /// Says what would run.
+    pub(super) fn forecast(
+        &self,
+        tasks: &Tasks<'_>,
+        problems: &[Problem],
+        catalog: &Arc<Catalog>,
+    ) -> Exit {
+        let mut session = match self.session(1, catalog) {
+            Ok(session) => session,
+            Err(why) => return Exit::Usage(why),
+        };
+        let sweep = tasks.sweep;
+        let longest = sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
+        let (mut runs, mut all, mut due) = (HashSet::new(), 0, 0);
+        let mut told = Vec::new();
+        for (index, task) in sweep.tasks.iter().enumerate() {
+            let (state, reason, count, new) = match tasks.standing(&session, task) {
+                Standing::Holds(record) => {
+                    (record.state.word(), unchanged_in_words(record.state).to_owned(), 0, 0)
+                }
+                Standing::Due(found) => {
+                    due += 1;
+                    let forecast = tasks.forecast(&mut session, task).into_iter();
+                    let would = forecast.filter(|(_, it)| it.may_run());
+                    let before = runs.len();
+                    let count = would.map(|(made, _)| runs.insert(made)).count();
+                    all += count;
+                    ("run", found.reason, count, runs.len() - before)
+                }
+            };
+            if self.json || self.events == Some(EventFormat::Json) {
+                let fields = json!({
+                    "task": index,
+                    "name": task.name,
+                    "state": state,
+                    "reason": reason,
+                    "values": values(&sweep.names, task),
+                    "nodes": count,
+                    "new_nodes": new,
+                });
+                match self.json {
+                    true => told.push(fields),
+                    false => Listener::of_stdout().tell("forecast", fields),
+                }
+                continue;
+            }
+            let reason = match state {
+                "run" => format!("{reason}; {}, {new} of them new", counted(count, "node")),
+                _ => reason,
+            };
+            print(&format!("{state:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
+        }
+        let fields = json!({ "due": due, "nodes": runs.len(), "nodes_without_sharing": all });
+        if self.json {
+            let mut document = json!({ "tasks": told });
+            merge(&mut document, fields);
+            put_problems(&mut document, problems);
+            print_json(&document);
+        } else if self.events == Some(EventFormat::Json) {
+            Listener::of_stdout().tell("batch", fields);
+        } else {
+            let shared = match all - runs.len() {
+                0 => String::new(),
+                _ => format!(" in place of {all}, for what tasks have in common is computed once"),
+            };
+            let tasks = counted(sweep.tasks.len(), "task");
+            print(&format!(
+                "{due} of {tasks} would run: {}{shared}\n",
+                counted(runs.len(), "node")
+            ));
+        }
+        Exit::Done
+    }
+
+    /// Writes the page of the records, and fails unless all tasks are done, and are those that a farm was given.
+    pub(super) fn report_records(
+        &self,
+        tasks: &Tasks<'_>,
+        handover: Result<(), String>,
+        problems: &[Problem],
+    ) -> Exit {
+        let path = match tasks.write_sheet() {
+            Ok(path) => path,
+            Err(why) => return Exit::Usage(why),
+        };
+        let all = &tasks.sweep.tasks;
+        let records = all.iter().map(|task| Record::read(tasks.out, &task.name));
+        let records = Vec::from_iter(records);
+        let count = |state| records.iter().flatten().filter(|it| it.state == state).count();
+        let (done, failed) = (count(State::Done), count(State::Failed));
+        let missing = all.len() - done - failed;
+        let sheet = path.display().to_string();
+        let mut fields =
+            json!({ "done": done, "failed": failed, "missing": missing, "sheet": sheet });
+        let counts = format!(
+            "{}: {done} done, {failed} failed, {missing} missing",
+            counted(all.len(), "task")
+        );
+        match self.events {
+            _ if self.json => {
+                let told = all.iter().zip(&records).enumerate();
+                let told = told.map(|(index, (task, record))| match record {
+                    Some(record) => record_fields(index, record, false),
+                    None => json!({
+                        "task": index,
+                        "name": task.name,
+                        "state": "missing",
+                        "ran": false,
+                        "values": values(&tasks.sweep.names, task),
+                    }),
+                });
+                let mut document = json!({ "tasks": told.collect::<Json>() });
+                merge(&mut document, fields);
+                put_problems(&mut document, problems);
+                print_json(&document);
+            }
+            Some(EventFormat::Json) => {
+                fields["ran"] = 0.into();
+                Listener::of_stdout().tell("batch", fields);
+            }
+            Some(EventFormat::Openjd) => {
+                JobProgress::new(0, Default::default()).status(&counts);
+            }
+            None => print(&format!("{}\n", path.shown())),
+        }
+        let new = tasks.never_handed_over();
+        let new = (!new.is_empty()).then(|| batch::never_handed_over_in_words(&new, all.len()));
+        if let Some(why) = handover.err().or(new) {
+            eprint(&format!("error: {why}\n"));
+            return Exit::Failed;
+        }
+        if done == all.len() {
+            return Exit::Done;
+        }
+        eprint(&format!("error: {counts}\n"));
+        Exit::Failed
+    }
+}
+
+/// What is swept, by name.
+fn values(names: &[String], task: &Task) -> Json {
+    let values = names.iter().zip(&task.row.values);
+    Json::Object(values.map(|(name, value)| (name.clone(), value.clone().into())).collect())
+}
+
+fn merge(document: &mut Json, fields: Json) {
+    if let (Json::Object(document), Json::Object(fields)) = (document, fields) {
+        document.extend(fields);
+    }
+}

@@ -1,0 +1,123 @@
+//! The parts of a text around a place, each in the next, by which editors widen a selection; and what formatting changes in some lines.
+
+use maquette_syntax::cursor;
+use maquette_syntax::error::Span;
+use serde_json::{Value as Json, json};
+
+use super::outline;
+use super::place::Lines;
+
+/// The word at a place, then what each bracket around it holds, the bracket, and its name.
+pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
+    let text = lines.text();
+    let cursor = cursor(text, at);
+    let ends = outline::ends(text);
+    let mut spans = vec![Span { start: 0, end: text.len() }];
+    for frame in &cursor.frames {
+        let end = ends.iter().find(|(start, _)| *start == frame.start).map(|(_, end)| *end);
+        let Some(end) = end.filter(|end| at <= *end) else { continue };
+        let name = frame.name.as_ref().map_or(frame.start, |name| name.span.start);
+        spans.extend([name, frame.start].map(|start| Span { start, end }));
+        spans.push(Span { start: frame.start + 1, end: end - 1 });
+    }
+    let word = cursor.typed.span;
+    let is_quoted = text[..word.start].ends_with('"') && text[word.end..].starts_with('"');
+    if is_quoted {
+        spans.push(Span { start: word.start - 1, end: word.end + 1 });
+    }
+    spans.extend([word, Span { start: at, end: at }]);
+    let mut found = Json::Null;
+    let mut last: Option<Span> = None;
+    for span in spans {
+        let is_inside =
+            last.is_none_or(|it| it.start <= span.start && span.end <= it.end && it != span);
+        let is_around = span.start <= at && at <= span.end;
+        if !(is_inside && is_around) {
+            continue;
+        }
+        let range = json!(lines.range(span));
+        found = match found {
+            Json::Null => json!({ "range": range }),
+            parent => json!({ "range": range, "parent": parent }),
+        };
+        last = Some(span);
+    }
+    found
+}
+
+/// The part of a formatted text that takes the place of the lines of a span, and which part of the old text that is; `None` if other lines
+/// change with it.
+pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
+    // All else is moved by formatting, never changed.
+    let is_kept = |c: char| !c.is_whitespace() && c != ',';
+    let start = old[..span.start].rfind(['\n', '\r']).map_or(0, |at| at + 1);
+    let end = match old[start..span.end].ends_with(['\n', '\r']) {
+        true => span.end,
+        false => line_end(old, span.end),
+    };
+    let count = |text: &str| text.chars().filter(|c| is_kept(*c)).count();
+    let (before, within) = (count(&old[..start]), count(&old[start..end]));
+    let line_behind = |kept: usize| {
+        if kept == 0 {
+            return Some(0);
+        }
+        let (at, c) = new.char_indices().filter(|(_, c)| is_kept(*c)).nth(kept - 1)?;
+        let at = at + c.len_utf8();
+        let end = line_end(new, at);
+        new[at..end].chars().all(|c| !is_kept(c)).then_some(end)
+    };
+    let (new_start, new_end) = (line_behind(before)?, line_behind(before + within)?);
+    Some((Span { start, end }, new.get(new_start..new_end)?.to_owned()))
+}
+
+/// The byte behind the end of the line of a place.
+fn line_end(text: &str, at: usize) -> usize {
+    let rest = &text[at..];
+    match rest.find(['\n', '\r']) {
+        None => text.len(),
+        Some(end) if rest[end..].starts_with("\r\n") => at + end + 2,
+        Some(end) => at + end + 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::place::Columns;
+
+    #[test]
+    fn each_part_is_inside_of_the_next() {
+        let text = "Graph(nodes: { \"ball\": Sphere(radius: 2.0) })";
+        let lines = Lines::new(text, Columns::Utf8);
+        for at in 0..=text.len() {
+            let mut part = selection(&lines, at);
+            let (mut depth, mut inner) = (0, (at, at));
+            while part.is_object() {
+                let byte = |name: &str| part["range"][name]["character"].as_u64().unwrap() as usize;
+                let (start, end) = (byte("start"), byte("end"));
+                assert!(start <= inner.0 && inner.1 <= end && start <= end, "{at}: {start} {end}");
+                (depth, inner) = (depth + 1, (start, end));
+                part = part["parent"].clone();
+            }
+            assert_eq!(inner, (0, text.len()));
+            assert!(depth > 0);
+        }
+    }
+
+    #[test]
+    fn formatted_lines_are_those_of_the_whole_text() {
+        let old = "G(\n a:1,\n  b: 2, // x\n c:3\n)\n";
+        let new = "G(\n    a: 1,\n    b: 2, // x\n    c: 3,\n)\n";
+        let at = |mark: &str| old.find(mark).unwrap();
+        let change = |from: &str, to: &str| {
+            let span = Span { start: at(from), end: at(to) };
+            let (span, with) = formatted_lines(old, new, span).unwrap();
+            [&old[..span.start], &with, &old[span.end..]].concat()
+        };
+        assert_eq!(change("a", "a"), "G(\n    a: 1,\n  b: 2, // x\n c:3\n)\n");
+        assert_eq!(change("b", "c"), "G(\n a:1,\n    b: 2, // x\n    c: 3,\n)\n");
+        assert_eq!(change("G", ")"), new);
+        // The brackets go into one line with others.
+        assert_eq!(formatted_lines("G(\na: 1)", "G(a: 1)", Span { start: 4, end: 4 }), None);
+    }
+}
