@@ -68,7 +68,7 @@ def test_what_is_saved_has_the_bytes_and_warnings_of_the_command_line(
 def test_what_is_lost_far_or_open_is_told() -> None:
     assert any("closed" in it for it in told(lambda: MESHES["open"].to_bytes("stl")))
     assert any("single" in it or "steps" in it for it in told(lambda: MESHES["far"].to_bytes("ply")))
-    assert any("heat" in it for it in told(lambda: MESHES["rich"].to_bytes("glb")))
+    assert any("heat" in it for it in told(lambda: MESHES["rich"].to_bytes("3mf")))
     assert told(lambda: MESHES["closed"].to_bytes("stl")) == []
 
 
