@@ -9,17 +9,23 @@ pub(crate) fn end_with_it() {
     const PERIOD: Duration = Duration::from_millis(250);
     let parent = std::env::var(maquette_lsp::PARENT).ok();
     let Some(parent) = parent.and_then(|id| id.parse::<i32>().ok()) else { return };
+    // As if interrupted twice: files appear whole or not at all.
+    let end = || std::process::exit(130);
     let is_there =
         move || rustix::process::getppid().is_some_and(|id| id.as_raw_nonzero().get() == parent);
-    // A process further down inherits the variable and has another parent.
     if is_there() {
         std::thread::spawn(move || {
             while is_there() {
                 std::thread::sleep(PERIOD);
             }
-            // As if interrupted twice: files appear whole or not at all.
-            std::process::exit(130);
+            end();
         });
+        return;
+    }
+    // A process further down inherits the variable and has another parent; or the parent has ended before this one began.
+    let id = rustix::process::Pid::from_raw(parent);
+    if id.is_some_and(|id| rustix::process::test_kill_process(id) == Err(rustix::io::Errno::SRCH)) {
+        end();
     }
 }
 

@@ -261,6 +261,19 @@ fn a_run_ends_with_its_editor_and_with_its_server() {
     have_ended(&runs);
 }
 
+/// A server may be killed before what it runs has begun.
+#[cfg(unix)]
+#[test]
+fn a_run_ends_at_once_if_its_server_has_ended_before() {
+    let mut server = Command::new("true").spawn().unwrap();
+    let id = server.id().to_string();
+    server.wait().unwrap();
+    let mut run = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    run.args(["nodes"]).env(maquette_lsp::PARENT, id);
+    assert_eq!(run.output().unwrap().status.code(), Some(130));
+    assert_eq!(run.env_remove(maquette_lsp::PARENT).output().unwrap().status.code(), Some(0));
+}
+
 #[test]
 fn files_that_change_outside_of_the_editor_are_seen() {
     let place = face();
