@@ -23,8 +23,7 @@ pub(crate) fn end_with_it() {
         return;
     }
     // A process further down inherits the variable and has another parent; or the parent has ended before this one began.
-    let id = rustix::process::Pid::from_raw(parent);
-    if id.is_some_and(|id| rustix::process::test_kill_process(id) == Err(rustix::io::Errno::SRCH)) {
+    if maquette_lsp::has_ended(parent.unsigned_abs()) {
         end();
     }
 }

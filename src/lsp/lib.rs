@@ -37,8 +37,11 @@ mod transport;
 mod watcher;
 
 pub use commands::PARENT;
+use params::Refused;
+#[cfg(unix)]
+pub use process::has_ended;
 pub use server::{
-    Choices, Client, Document, FRESH, Refused, Server, Subject, is_in_project, is_new, is_ours,
+    Choices, Client, Document, FRESH, Server, Subject, is_in_project, is_new, is_ours,
 };
 pub use server::{Setup, serve};
 pub use transport::{Threads, stdio};

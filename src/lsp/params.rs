@@ -3,7 +3,21 @@
 use gen_lsp_types::{Position, Range, Uri};
 use serde_json::Value as Json;
 
-use super::Refused;
+/// Why there is no answer.
+pub(crate) enum Refused {
+    /// There is no such method.
+    Unknown(String),
+    /// The fields of the request cannot be understood.
+    Invalid(String),
+    /// It can, but not be done: in words for the user.
+    Failed(String),
+}
+
+impl From<String> for Refused {
+    fn from(why: String) -> Self {
+        Self::Failed(why)
+    }
+}
 
 /// A whole number; those that do not fit are the nearest that does.
 pub(super) fn number(json: &Json) -> Option<u32> {

@@ -21,6 +21,12 @@ pub(super) fn watch(id: u32, events: Sender<Event>) {
     });
 }
 
+/// Whether a process has ended, perhaps without anybody having waited for it.
+#[cfg(unix)]
+pub fn has_ended(id: u32) -> bool {
+    start_of(id).is_none()
+}
+
 /// When a process began, in words of the system, which tells it from a later one with its id; `None` if it has ended.
 #[cfg(target_os = "linux")]
 fn start_of(id: u32) -> Option<String> {

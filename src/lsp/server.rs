@@ -24,6 +24,7 @@ use super::checker::Checker;
 use super::commands::Commands;
 use super::last::Last;
 use super::library::Library;
+use super::params::Refused;
 use super::place::{Columns, Lines, path_of};
 use super::project::Project;
 use super::transport::id_of;
@@ -133,22 +134,6 @@ pub struct Server {
     pub(crate) folders: Vec<PathBuf>,
     /// The editor has asked the server to end.
     is_shut_down: bool,
-}
-
-/// Why there is no answer.
-pub enum Refused {
-    /// There is no such method.
-    Unknown(String),
-    /// The fields of the request cannot be understood.
-    Invalid(String),
-    /// It can, but not be done: in words for the user.
-    Failed(String),
-}
-
-impl From<String> for Refused {
-    fn from(why: String) -> Self {
-        Self::Failed(why)
-    }
 }
 
 /// Serves an editor until it says that it ends, or is gone.

@@ -191,10 +191,10 @@ impl Material {
     }
 
     /// The color of its picture at a texture coordinate, (0, 0) at the lower left corner, as [`Image::sample`] gives it; white without a
-    /// picture. Beyond its border the picture goes on as its map says.
+    /// picture. Beyond its border the picture goes on as its map says, and at the border nothing of the other side is mixed in.
     #[must_use]
     pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
-        self.shown().map_or([255.0; 3], |picture| picture.sample_beyond(uv, self.wrap()))
+        self.shown().map_or([255.0; 3], |picture| picture.sample(Wrap::uv(self.wrap(), uv)))
     }
 
     fn encode(&self, to: &mut Encoder) {
