@@ -3,7 +3,7 @@
 //! Read as a mesh, lines, groups and free-form geometry are passed over; read as a curve, all but lines and free-form
 //! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use maquette_value::{Attribute, CurveError, KnotVectorError, MATERIAL, Mesh, MeshError, Rgb};
 use nalgebra::Point3;
@@ -224,6 +224,8 @@ struct Reader {
     forward: Vec<(usize, usize, usize)>,
     /// The names of materials in the order in which they are first used.
     used: Vec<String>,
+    /// The place of each of them.
+    places: HashMap<String, u32>,
     /// The place of the name of each face's material; the one behind the last line `usemtl` is the last one.
     of_faces: Vec<u32>,
     current: Option<u32>,
@@ -261,12 +263,12 @@ impl Reader {
             Some(b"usemtl") => {
                 let text = text.trim_ascii_start();
                 let name = String::from_utf8_lossy(&text[b"usemtl".len()..]).trim().to_owned();
-                let known = self.used.iter().position(|known| *known == name);
-                let place = known.unwrap_or_else(|| {
+                let next = self.used.len() as u32;
+                let place = *self.places.entry(name.clone()).or_insert(next);
+                if place == next {
                     self.used.push(name);
-                    self.used.len() - 1
-                });
-                self.current = Some(place as u32);
+                }
+                self.current = Some(place);
             }
             Some(word) if SILENT.contains(&word) => {}
             Some(word) => {

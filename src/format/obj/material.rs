@@ -3,7 +3,7 @@
 //! Beside what Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995) has, the statements of physically based
 //! materials are known that exporters write: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -35,6 +35,31 @@ pub fn materials(bytes: &[u8], find: Find<'_>) -> Vec<Material> {
     named(&libraries, &used, true, find).materials
 }
 
+/// Asks for the files that the materials of an OBJ file name, without looking into pictures.
+pub(super) fn ask(bytes: &[u8], find: Find<'_>) {
+    let [libraries, used] = names(bytes);
+    let mut all = Vec::new();
+    for library in &libraries {
+        let files = find_libraries(library, find).unwrap_or_default();
+        all.extend(files.iter().flat_map(|(name, bytes)| read_materials(bytes, name)));
+    }
+    let by_name = by_name(&all);
+    let places = used.iter().filter_map(|name| spellings(name).find_map(|it| by_name.get(it)));
+    let first = all.iter().filter(|material| used.is_empty() && material.base_color().is_some());
+    for material in places.map(|&place| &all[place]).chain(first.take(1)) {
+        for (_, rest) in material.maps() {
+            let name = options(rest).0.replace('\\', "/");
+            drop(find_first(spellings(&name).map(|name| material.folder.join(name)), find));
+        }
+    }
+}
+
+/// The place of the first material of each name.
+fn by_name(materials: &[MtlMaterial]) -> HashMap<&str, usize> {
+    let names = materials.iter().enumerate().rev();
+    names.map(|(place, material)| (&material.name[..], place)).collect()
+}
+
 /// The materials of these names, or of any name if none is given: then the first one with a picture. `libraries` are the rests of lines
 /// `mtllib`. Without texture coordinates, pictures are left out.
 pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: Find<'_>) -> Found {
@@ -51,18 +76,24 @@ pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: F
     if libraries.is_empty() || !found.doubts.is_empty() && all.is_empty() {
         return found;
     }
-    // A name may have a `#`, and a comment may follow it.
-    let is_of = |text: &str, name: &str| spellings(text).any(|spelling| spelling == name);
-    let mut files = Files { find, known: BTreeMap::new(), has_uv, doubts: Vec::new() };
+    let by_name = by_name(&all);
+    let mut files = Files {
+        find,
+        known: BTreeMap::new(),
+        pictures: BTreeMap::new(),
+        has_uv,
+        doubts: Vec::new(),
+    };
     if used.is_empty() {
         let first = all.iter().find(|material| material.base_color().is_some());
         let made = first.map(|material| files.material(material));
         (found.materials, found.layouts) = made.into_iter().unzip();
     }
     for name in used {
-        let material = all.iter().find(|material| is_of(name, &material.name));
-        let (material, layouts) = match material {
-            Some(material) => files.material(material),
+        // A name may have a `#`, and a comment may follow it.
+        let place = spellings(name).find_map(|spelling| by_name.get(spelling));
+        let (material, layouts) = match place {
+            Some(&place) => files.material(&all[place]),
             None => {
                 let all = Vec::from_iter(libraries.iter().map(|library| format!("`{library}`")));
                 files.doubts.push(format!("there is no material `{name}` in {}", all.join(", ")));
@@ -81,6 +112,8 @@ struct Files<'a> {
     find: Find<'a>,
     /// By their name: how it was found, and what is in it; none if it cannot be had.
     known: BTreeMap<PathBuf, Option<Named>>,
+    /// Those of colors, unpacked, by how they were found; none if one is damaged.
+    pictures: BTreeMap<String, Option<Image>>,
     has_uv: bool,
     doubts: Vec<String>,
 }
@@ -181,12 +214,16 @@ impl Files<'_> {
         let Some((name, bytes)) = self.file(&from.folder, &name) else { return };
         let is_color = kinds[0].0 == MapKind::BaseColor;
         if is_color {
-            match picture_file::read(&bytes) {
-                Ok(picture) => material.picture = Some(picture),
-                Err(error) => {
+            if !self.pictures.contains_key(&name) {
+                let picture = picture_file::read(&bytes).map_err(|error| {
                     let doubt = format!("{name}: {error}: the mesh comes without its picture");
-                    return self.doubts.push(doubt);
-                }
+                    self.doubts.push(doubt);
+                });
+                self.pictures.insert(name.clone(), picture.ok());
+            }
+            material.picture = self.pictures[&name].clone();
+            if material.picture.is_none() {
+                return;
             }
         }
         let Layout { scale, offset } = options.layout;
@@ -383,6 +420,29 @@ mod tests {
         assert_eq!(found(b"v 0 0 0\n", &[]), (None, vec![], vec![]));
         let plain = [("my things/a.mtl", "newmtl skin\nKd 1 0 0\n")];
         assert_eq!(found(MESH, &plain).1, [""; 0]);
+    }
+
+    #[test]
+    fn the_files_that_are_asked_for_are_those_that_are_read_each_once() {
+        let again = b"usemtl bare\nf 1/1 3/1 2/1\nusemtl skin\nf 3/1 2/1 1/1\nusemtl gone\n";
+        let mesh = [MESH, again].concat();
+        let text = "newmtl bare\nmap_Kd b.png\nnorm n.png\nnewmtl skin\nmap_Kd s.png\nnewmtl unused\nmap_Kd u.png\n";
+        let files = [
+            ("my things/a.mtl", text),
+            ("my things/b.png", ""),
+            ("my things/n.png", ""),
+            ("my things/s.png", ""),
+        ];
+        let (_, _, read) = found(&mesh, &files);
+        let mut asked = Vec::new();
+        ask(&mesh, &mut |name| {
+            asked.push(name.to_owned());
+            let file = files.iter().find(|file| file.0 == name);
+            file.map(|file| file.1.as_bytes().into()).ok_or_else(String::new)
+        });
+        assert_eq!(asked, read);
+        let names = ["a.mtl", "s.png", "b.png", "n.png"].map(|name| format!("my things/{name}"));
+        assert_eq!(asked, names);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What is written in MTL files, and where they and their pictures are.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -174,9 +175,10 @@ pub(super) fn read_materials(bytes: &[u8], library: &str) -> Vec<MtlMaterial> {
     materials
 }
 
-/// What follows `mtllib` and `usemtl` in the lines of an OBJ file.
+/// What follows `mtllib` and `usemtl` in the lines of an OBJ file, each once.
 pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
     let mut found = [Vec::new(), Vec::new()];
+    let mut known = HashSet::new();
     let read = |text: &[u8], _| {
         let text = text.trim_ascii_start();
         // Most lines of a mesh are vertices and faces.
@@ -184,7 +186,10 @@ pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
             if let Some(rest) = text.strip_prefix(keyword)
                 && rest.first().is_some_and(u8::is_ascii_whitespace)
             {
-                found.push(String::from_utf8_lossy(rest).trim().to_owned());
+                let name = String::from_utf8_lossy(rest).trim().to_owned();
+                if known.insert((keyword, name.clone())) {
+                    found.push(name);
+                }
             }
         }
         Ok(())

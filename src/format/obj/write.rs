@@ -12,7 +12,7 @@ use maquette_value::parallel::*;
 use maquette_value::{Attribute, Column, MATERIAL, Material, Mesh, MeshError, Rgb};
 
 use super::looks::{self, Looks, without_unused};
-use super::material::{materials, named};
+use super::material::{ask, named};
 use super::mtl::{Layout, names};
 use crate::corners::{split, with_corners};
 use crate::glb::is_extension;
@@ -294,7 +294,7 @@ impl FileReader for MeshObj {
     }
 
     const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
-        drop(materials(file.bytes(), &mut |name| file.companion(name)));
+        ask(file.bytes(), &mut |name| file.companion(name));
     });
 }
 
