@@ -16,7 +16,7 @@ pub(crate) struct Lsp {
     /// Speak over stdin and stdout, which is the only way there is.
     #[arg(long)]
     stdio: bool,
-    /// Write every message between the editor and the server into this file.
+    /// Add every message between the editor and the server to the end of this file.
     #[arg(long, value_name = "FILE", env = "MAQUETTE_LSP_LOG")]
     log: Option<PathBuf>,
     #[command(flatten)]

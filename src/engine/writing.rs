@@ -261,6 +261,11 @@ pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
     Ok(())
 }
 
+/// Opens a log at its end: what was there stays.
+pub fn open_log(path: &Path) -> io::Result<File> {
+    File::options().create(true).append(true).open(path)
+}
+
 /// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.
 pub fn keep_beside(path: &Path, text: &str) -> Result<(), Refused> {
     match path.exists() {

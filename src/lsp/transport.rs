@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use crossbeam_channel::select;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestId, Response};
+use maquette_engine::writing;
 use serde_json::{Map, Value as Json, json};
 
 /// Longer messages are refused: no editor opens such a text.
@@ -268,7 +269,7 @@ struct Log(Option<Arc<Mutex<(Instant, File)>>>);
 
 impl Log {
     fn new(path: Option<&Path>) -> io::Result<Self> {
-        let file = path.map(File::create).transpose()?;
+        let file = path.map(writing::open_log).transpose()?;
         Ok(Self(file.map(|file| Arc::new(Mutex::new((Instant::now(), file))))))
     }
 

@@ -22,8 +22,13 @@ struct Server {
 
 impl Server {
     fn start(place: &Place) -> Self {
+        Self::with(place, &[])
+    }
+
+    fn with(place: &Place, options: &[&str]) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_maquette"))
             .args(["lsp", "--no-cache"])
+            .args(options)
             .current_dir(&place.folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -128,6 +133,34 @@ fn read(out: &mut BufReader<ChildStdout>) -> Option<Json> {
 }
 
 const SHUTDOWN: &str = "shutdown";
+
+#[test]
+fn a_log_gets_all_messages_and_keeps_what_was_there() {
+    let place = face();
+    place.write("messages.log", "older\n");
+    let mut server = Server::with(&place, &["--log", "messages.log"]);
+    server.ask(7, "initialize", json!({}));
+    server.ask(8, SHUTDOWN, json!(null));
+    server.tell("exit", json!(null));
+    assert_eq!(server.end(), Some(0));
+
+    let log = std::fs::read_to_string(place.path("messages.log")).unwrap();
+    let lines = Vec::from_iter(log.lines());
+    assert_eq!(lines[0], "older");
+    let said = |who: &str, what: &str| {
+        let of = |line: &&&str| line.contains(who) && line.contains(what);
+        lines.iter().filter(of).count()
+    };
+    for (who, what) in [
+        (" editor: ", "\"initialize\""),
+        (" server: ", "\"capabilities\""),
+        (" editor: ", "\"shutdown\""),
+        (" server: ", "\"id\":8"),
+        (" editor: ", "\"exit\""),
+    ] {
+        assert_eq!(said(who, what), 1, "{who}{what}\n{log}");
+    }
+}
 
 #[test]
 fn odd_fields_of_no_interest_stop_nothing() {
