@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use maquette_value::{Attribute, CurveError, KnotVectorError, MATERIAL, Mesh, MeshError, Rgb};
+use memchr::{memchr, memchr_iter};
 use nalgebra::Point3;
 use thiserror::Error;
 
@@ -145,8 +146,11 @@ fn for_lines(
     mut read: impl FnMut(&[u8], usize) -> Result<(), ObjError>,
 ) -> Result<(), ObjError> {
     // Very old programs end lines with CR alone.
-    let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
-    let mut lines = bytes.split(|&byte| byte == end).enumerate();
+    let end = if memchr(b'\n', bytes).is_some() { b'\n' } else { b'\r' };
+    let mut start = 0;
+    let ends = memchr_iter(end, bytes).chain([bytes.len()]);
+    let lines = ends.map(|end| &bytes[std::mem::replace(&mut start, end + 1)..end]);
+    let mut lines = lines.enumerate();
     while let Some((index, text)) = lines.next() {
         let text = text.trim_ascii_end();
         let Some(start) = text.strip_suffix(b"\\") else {
@@ -171,8 +175,7 @@ fn for_lines(
 
 /// The line without its comment; `1.#QNAN` is a number and none.
 fn without_comment(text: &[u8]) -> &[u8] {
-    let hashes = text.iter().enumerate().filter(|(_, byte)| **byte == b'#');
-    let end = hashes.map(|(at, _)| at).find(|at| !text[..*at].ends_with(b"."));
+    let end = memchr_iter(b'#', text).find(|hash| !text[..*hash].ends_with(b"."));
     &text[..end.unwrap_or(text.len())]
 }
 

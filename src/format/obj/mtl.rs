@@ -182,6 +182,9 @@ pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
     let read = |text: &[u8], _| {
         let text = text.trim_ascii_start();
         // Most lines of a mesh are vertices and faces.
+        if !matches!(text.first(), Some(b'm' | b'u')) {
+            return Ok(());
+        }
         for (keyword, found) in [&b"mtllib"[..], b"usemtl"].into_iter().zip(&mut found) {
             if let Some(rest) = text.strip_prefix(keyword)
                 && rest.first().is_some_and(u8::is_ascii_whitespace)
