@@ -164,8 +164,9 @@ impl Server<'_> {
                 return self.pass(id, Job::Run(run, token));
             }
             Ok(Wish::Input(input)) => return self.pass(id, Job::Input(input)),
-            Ok(Wish::Why { graph, roots, set, draft, node }) => {
-                return self.pass(id, Job::Why(Load { graph, roots, set, draft }, node));
+            Ok(Wish::Why { graph, roots, set, draft, pins, locked, node }) => {
+                let load = Load { graph, roots, set, draft, pins, locked };
+                return self.pass(id, Job::Why(load, node));
             }
             Err(why) => Err(why.into()),
         };

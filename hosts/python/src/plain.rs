@@ -90,8 +90,13 @@ fn reworded(text: &str, words: &[(&str, &str)]) -> String {
     words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }
 
-/// The same for all texts of a problem.
-fn say_in_python(json: &mut Json) {
+/// A text that says what went wrong with keeping and sharing results.
+pub(crate) fn trouble(text: &str) -> String {
+    reworded(text, &WORDS)
+}
+
+/// The same for all texts of a document.
+pub(crate) fn say_in_python(json: &mut Json) {
     match json {
         Json::String(text) if text.contains("--") => *text = reworded(text, &WORDS),
         Json::Array(items) => items.iter_mut().for_each(say_in_python),

@@ -37,7 +37,9 @@ impl Finished {
     /// What happened to each node.
     fn trace<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let nodes = self.found.trace().0.into_iter().map(|node| node.to_json());
-        plain::from_json(py, &Json::Array(nodes.collect()))
+        let mut nodes = Json::Array(nodes.collect());
+        plain::say_in_python(&mut nodes);
+        plain::from_json(py, &nodes)
     }
 
     /// What failed, what nodes warn of, and what does not hold.

@@ -82,7 +82,7 @@ pub(crate) fn finish_all(py: Python<'_>) -> Vec<String> {
             // One that still runs was left alone by who asked for it.
             if let Some(Ok(session)) = session.session.as_ref().map(Mutex::try_lock) {
                 session.finish();
-                troubles.extend(session.troubles());
+                troubles.extend(session.troubles().iter().map(|it| plain::trouble(it)));
             }
         }
         troubles
@@ -165,11 +165,11 @@ impl Session {
         let Some(Ok(session)) = host.session.as_ref().map(Mutex::try_lock) else {
             return Ok(Vec::new());
         };
-        let troubles = session.troubles();
-        Ok(match troubles.is_empty() {
-            true => Vec::from_iter(session.trouble().map(str::to_owned)),
-            false => troubles,
-        })
+        let mut troubles = session.troubles();
+        if troubles.is_empty() {
+            troubles.extend(session.trouble().map(str::to_owned));
+        }
+        Ok(troubles.iter().map(|it| plain::trouble(it)).collect())
     }
 
     /// Why a node would run, or why not.

@@ -65,6 +65,8 @@ SCRIPT = r"""
     function = maquette.load("f.ron", cache=None, text='Graph(format: 1, inputs: {"mesh": Mesh(doc: "")}, nodes: {}, outputs: {"out": "mesh"})')
     mesh, run = maquette.Mesh(V, F), graph.run()
     image = maquette.Image(np.zeros((2, 2, 3), np.uint8))
+    NET = np.zeros((4, 4, 3)) + np.arange(4.0)[:, None]
+    grid = maquette.RangeImage(np.zeros((4, 3, 3)))
     CALLS = {
         **{f"run({name}=it)": lambda it, name=name: graph.run(**{name: it}) for name in [*graph.params, "box.shape", "other"]},
         **{f"edited({name}=it)": lambda it, name=name: graph.edited(**{name: it}) for name in graph.params},
@@ -150,6 +152,38 @@ SCRIPT = r"""
         "Direction(it)": lambda it: maquette.Direction(it),
         "KnotVector(it)": lambda it: maquette.KnotVector(it, 3),
         "Surface(it)": lambda it: maquette.Surface(it, V, V),
+        "Surface(.., it)": lambda it: maquette.Surface(NET, it),
+        "Surface(degree=it)": lambda it: maquette.Surface(NET, degree=it),
+        "Surface(degree=(it, 1))": lambda it: maquette.Surface(NET, degree=(it, 1)),
+        "Surface(knots_u=it)": lambda it: maquette.Surface(NET, knots_u=it),
+        "Curve(weights=it)": lambda it: maquette.Curve(V, weights=it),
+        "Curve(closed=it)": lambda it: maquette.Curve(V, closed=it),
+        "Curve(degree=it)": lambda it: maquette.Curve(V, knots=[0, 0, 1, 2, 2], degree=it),
+        "KnotVector(.., it)": lambda it: maquette.KnotVector([0, 0, 1, 1], it),
+        "ControlNet(.., it)": lambda it: maquette.ControlNet(NET, it),
+        "Handles(weight=it)": lambda it: maquette.Handles(V, weight=it),
+        "Handles(space=it)": lambda it: maquette.Handles(V, space=it),
+        "Points(a=it)": lambda it: maquette.Points(V, a=it),
+        "Points(color=it)": lambda it: maquette.Points(V, color=it),
+        "RangeImage.replace(it)": lambda it: grid.replace(it),
+        "RangeImage.replace(color=it)": lambda it: grid.replace(color=it),
+        "replace(heat=it)": lambda it: mesh.replace(heat=it),
+        "replace(corner_attributes=it)": lambda it: mesh.replace(corner_attributes=it),
+        "compare(rms=it)": lambda it: mesh.compare(mesh, rms=it),
+        "compare(attributes={a: it})": lambda it: mesh.compare(mesh, attributes={"a": it}),
+        "compare(remeshed=it)": lambda it: mesh.compare(mesh, remeshed=it),
+        "render(orthographic=it)": lambda it: mesh.render(orthographic=it, size=(8, 8)),
+        "probe(0, it)": lambda it: image.probe(0, it),
+        "write(provenance=it)": lambda it: run.write(provenance=it),
+        "run.get(it)": lambda it: run.get(it),
+        "start(it)": lambda it: graph.start(it).result(),
+        "start(number=it)": lambda it: graph.start(number=it).result(),
+        "start(timeout=it)": lambda it: graph.start(timeout=it).result(),
+        "GraphBuilder.param(it)": lambda it: maquette.GraphBuilder().param(it, maquette.ron.Integer(default=1)),
+        "GraphBuilder.param(.., it)": lambda it: maquette.GraphBuilder().param("a", it),
+        "GraphBuilder.output(it)": lambda it: maquette.GraphBuilder().output(it, "a"),
+        "GraphBuilder.output(.., it)": lambda it: maquette.GraphBuilder().output("a.ply", it),
+        "value_of(dict)": lambda it: function.run(inputs={"mesh": {"vertices": it, "faces": F}}),
     }
     for call, function_ in CALLS.items():
         # NumPy itself compares each number of an array, of which the last one has six billion.
@@ -167,8 +201,8 @@ SCRIPT = r"""
 
 def test_every_object_as_every_argument_gives_a_value_or_an_exception(tmp_path: pathlib.Path) -> None:
     (tmp_path / "it.ron").write_text(GRAPH)
-    # What a fault would ask for is refused, not given from swap.
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))\n"
+    # What is made of the array of six billion numbers is refused at once, not given from swap.
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
     script = limit + textwrap.dedent(SCRIPT)
     (tmp_path / "script.py").write_text(script)
     command = [sys.executable, "-X", "faulthandler", "script.py", "it.ron"]
@@ -177,6 +211,15 @@ def test_every_object_as_every_argument_gives_a_value_or_an_exception(tmp_path: 
     assert done.returncode == 0, (lines[-1:], done.stderr[-3000:])
     assert not [line for line in lines if line.startswith("PANIC")]
     assert lines[-1].startswith("done")
+
+
+def test_an_array_of_very_many_numbers_is_no_parameter(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "it.ron").write_text(GRAPH)
+    graph = maquette.load(tmp_path / "it.ron", cache=None)
+    many = np.lib.stride_tricks.as_strided(np.zeros(1), (2**31, 3), (0, 0))
+    for name in ("number", "vector", "box.shape"):
+        with pytest.raises(ValueError, match=f"`{name}` is an array of 6442450944 numbers"):
+            graph.run(params={name: many})
 
 
 @pytest.mark.parametrize("name", ["text", "number", "vector", "color", "choice", "flag", "box.shape", "other"])

@@ -24,12 +24,22 @@ NUMBERS = ["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8", ">f
 NO_NUMBERS = ["c8", "c16", "U3", "S3", "O", "M8[s]", "m8[s]", "V4", [("x", "f8")]]
 
 
+class Subclass(np.ndarray):  # type: ignore[type-arg]
+    """An array of somebody's own class."""
+
+
 def layouts(array: Array) -> Iterator[Array]:
     """The same numbers in other places of memory."""
     yield array
     yield np.asfortranarray(array)
     yield np.repeat(array, 2, axis=0)[::2]
     yield array[::-1].copy()[::-1]
+    yield array[..., ::-1].copy()[..., ::-1]
+    yield np.moveaxis(np.moveaxis(array, -1, 0).copy(), 0, -1)
+    fields = np.zeros(array.shape, [("other", "i1"), ("it", array.dtype)])
+    fields["it"] = array
+    yield fields["it"]
+    yield array.view(Subclass)
     yield np.ma.masked_array(array)
     aligned = np.zeros(array.nbytes + 1, np.uint8)[1:].view(array.dtype)[: array.size].reshape(array.shape)
     aligned[...] = array
@@ -54,6 +64,15 @@ ARGUMENTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array]]]
     "Curve": (maquette.Curve, V, lambda it: it.points),
     "weights": (lambda it: maquette.Curve(V, knots=[0, 0, 0, 0, 1, 1, 1, 1], weights=it), np.array([1.0, 2, 2, 1]), lambda it: it.parts["weight"].array),
     "ControlNet": (maquette.ControlNet, np.minimum(GRID, 100), lambda it: it.points),
+    "weights of a net": (lambda it: maquette.ControlNet(GRID, it), PICTURE[..., 0] + 1.0, lambda it: it.weights),
+    "Surface": (maquette.Surface, np.minimum(GRID, 100), lambda it: it.points),
+    "weights of a surface": (lambda it: maquette.Surface(GRID, it), PICTURE[..., 0] + 1.0, lambda it: it.weights),
+    "knots_u": (lambda it: maquette.Surface(GRID, knots_u=it), np.array([0.0, 0, 0, 0, 1, 1, 1, 1]), lambda it: it.knots[0]),
+    "knots_v": (lambda it: maquette.Surface(GRID, knots_v=it), np.array([0.0, 0, 0, 0, 1, 2, 2, 2, 2]), lambda it: it.knots[1]),
+    "camera": (lambda it: maquette.RangeImage(GRID, camera=it), np.array([100.0, 90, 2, 1]), lambda it: np.array(it.camera)),
+    "replaced points": (lambda it: maquette.RangeImage(GRID).replace(it), np.minimum(GRID, 100), lambda it: it.points),
+    "sigma": (lambda it: maquette.Handles(V, sigma=it, space="World"), V + 1, lambda it: it.parts["sigma"].array),
+    "weight": (lambda it: maquette.Handles(V, weight=it, space="World"), np.array([1.0, 2, 2, 1]), lambda it: it.parts["weight"].array),
     "knots": (lambda it: maquette.KnotVector(it, degree=1), np.array([0.0, 0, 1, 1]), lambda it: it.knots),
     "at": (lambda it: maquette.Handles(it, space="World"), V, lambda it: it.at),
     "to": (lambda it: maquette.Handles(V, it, space="World"), V, lambda it: it.to),
@@ -61,27 +80,32 @@ ARGUMENTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array]]]
 }
 
 
+# Where numbers may be missing.
+MISSING = ("Field", "RangeImage", "depth", "replaced points")
+
+
 @pytest.mark.parametrize("name", ARGUMENTS)
-@pytest.mark.parametrize("kind", NUMBERS)
-def test_numbers_of_all_kinds_and_layouts_are_taken(name: str, kind: Any) -> None:
+def test_numbers_of_all_kinds_and_layouts_are_taken(name: str) -> None:
     make, array, back = ARGUMENTS[name]
-    for layout in layouts(array.astype(kind)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            value = make(layout)
-        assert (back(value) == array).all()
-        assert value == make(array.astype(np.float32))
+    meant = make(array.astype(np.float32))
+    for kind in NUMBERS:
+        for layout in layouts(array.astype(kind)):
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                value = make(layout)
+            assert (back(value) == array).all(), kind
+            assert value == meant, kind
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
-@pytest.mark.parametrize("kind", NO_NUMBERS)
-def test_what_is_no_number_is_refused(name: str, kind: Any) -> None:
+def test_what_is_no_number_is_refused(name: str) -> None:
     make, array, _ = ARGUMENTS[name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        other = array.astype("i8").astype(kind)
-    with pytest.raises(ValueError, match="expected numbers"):
-        make(other)
+    for kind in NO_NUMBERS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            other = array.astype("i8").astype(kind)
+        with pytest.raises(ValueError, match="expected numbers"):
+            make(other)
 
 
 @pytest.mark.parametrize("name", [name for name in ARGUMENTS if name != "Labels"])
@@ -96,7 +120,7 @@ def test_masked_numbers_are_not_there_or_refused(name: str) -> None:
     make, array, back = ARGUMENTS[name]
     mask = np.zeros(array.shape, bool)
     mask.reshape(-1)[1] = True
-    if name in ("Field", "RangeImage", "depth"):
+    if name in MISSING:
         for kind in ("f8", "f4", "i4", "u2"):
             numbers = back(make(np.ma.masked_array(array.astype(kind), mask)))
             assert np.isnan(numbers.reshape(-1)[1]) and not np.isnan(numbers.reshape(-1)[4])
@@ -107,14 +131,16 @@ def test_masked_numbers_are_not_there_or_refused(name: str) -> None:
             make(np.ma.masked_array(array, mask))
 
 
-@pytest.mark.parametrize("name", [name for name in ARGUMENTS if name not in ("Field", "RangeImage", "depth")])
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_refused_where_numbers_must_be_there(name: str, number: float) -> None:
+@pytest.mark.parametrize("name", [name for name in ARGUMENTS if name not in MISSING])
+def test_what_is_not_finite_is_refused_where_numbers_must_be_there(name: str) -> None:
     make, array, _ = ARGUMENTS[name]
-    array = array.copy()
-    array.reshape(-1)[1] = number
-    with pytest.raises(ValueError):
-        make(array)
+    for number in (np.nan, np.inf, -np.inf):
+        wrong = array.copy()
+        wrong.reshape(-1)[1] = number
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(ValueError):
+                make(wrong)
 
 
 @pytest.mark.parametrize("name", [name for name in ARGUMENTS if name != "RangeImage"])
@@ -123,15 +149,94 @@ def test_other_shapes_are_refused(name: str) -> None:
     more = np.concatenate([array, array[:1]])
     wide = np.concatenate([array, array], axis=-1)
     others = [array[None], array.reshape(-1)[:-1], np.zeros((2, 2, 2, 2)), np.array(1.0), wide if array.ndim > 1 else array[:, None]]
-    if name in ("uv", "uv of corners", "normal", "weights", "to"):
+    if name in ("uv", "uv of corners", "normal", "weights", "to", "weights of a net", "sigma", "weight", "camera", "replaced points"):
         others.append(more)
     for other in others:
-        if name in ("Field", "Labels", "depth") and other.ndim == 2 or name == "ControlNet" and other.shape[-1:] == (3,) and other.ndim == 3:
+        is_net = name in ("ControlNet", "Surface") and other.shape[-1:] == (3,) and other.ndim == 3
+        if name in ("Field", "Labels", "depth") and other.ndim == 2 or is_net:
             continue
         if name == "knots" and other.ndim == 1:
             continue
         with pytest.raises(ValueError):
             make(other)
+
+
+# Of each argument that takes whole numbers, flags or colors: the same as above, and the kinds of numbers that it takes.
+COUNTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array], str]] = {
+    "faces": (lambda it: maquette.Mesh(V, it), F, lambda it: it.faces, "i1 i2 i4 i8 u1 u2 u4 u8 >i4 >u2"),
+    "replaced faces": (lambda it: maquette.Mesh(V, F).replace(faces=it), F[::-1], lambda it: it.faces, "i1 i2 i4 i8 u1 u2 u4 u8 >i4 >u2"),
+    "flags": (lambda it: maquette.Mesh(V, F, it=it), V[:, 0] > 0, lambda it: it.attributes["it"], "?"),
+    "ids": (lambda it: maquette.Points(V, it=it), np.array([3, 0, 7, 1]), lambda it: it.attributes["it"], "i1 i2 i4 i8 u1 u2 u4 u8 >i4 >u2"),
+    "numbers": (lambda it: maquette.Mesh(V, F, it=it), V[:, :2] / 4, lambda it: it.attributes["it"], "f2 f4 f8 >f8 >f4"),
+    "numbers of corners": (
+        lambda it: maquette.Mesh(V, F, corner_attributes={"it": it}),
+        np.arange(24.0).reshape(12, 2),
+        lambda it: it.corner_attributes["it"],
+        "i2 i4 u8 f2 f4 f8 >f8",
+    ),
+    "ids of faces": (lambda it: maquette.Mesh(V, F, face_attributes={"it": it}), np.arange(4), lambda it: it.face_attributes["it"], "i1 i8 u4 >i4"),
+    "color": (lambda it: maquette.Points(V, color=it), PICTURE[0, :4], lambda it: it.attributes["color"], "u1"),
+    "Mask": (maquette.Mask, PICTURE[..., 0] % 2, lambda it: it.inside, "? i1 i2 i4 i8 u1 u2 u4 u8 >i4"),
+    "Image": (maquette.Image, PICTURE, lambda it: it.pixels, "u1"),
+    "Image of 16 bits": (maquette.Image, PICTURE.astype("u2") * 257, lambda it: it.pixels.astype("u2") * 257, "u2 >u2"),
+    "texture": (lambda it: maquette.Mesh(V, F, uv=V[:, :2], texture=it), PICTURE, lambda it: it.texture.pixels, "u1"),
+    "color of a range image": (lambda it: maquette.RangeImage(GRID, it), PICTURE, lambda it: it.color, "u1"),
+}
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_whole_numbers_flags_and_colors_of_all_layouts_are_taken(name: str) -> None:
+    make, array, back, kinds = COUNTS[name]
+    for kind in kinds.split():
+        for layout in layouts(array.astype(kind)):
+            value = make(layout)
+            assert (back(value) == array).all() and value == make(np.ascontiguousarray(array.astype(kind)))
+
+
+EVERY: Dict[str, Tuple[Callable[[Any], Any], Array]] = {name: found[:2] for table in (ARGUMENTS, COUNTS) for name, found in table.items()}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_number_alone_and_no_number_at_all_are_taken_as_meant_or_refused(name: str) -> None:
+    make, array = EVERY[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for alone in (array.dtype.type(1), np.array(1, array.dtype), 1, 1.0, True, "1"):
+            with pytest.raises((ValueError, TypeError)):
+                make(alone)
+        for axis in range(array.ndim):
+            empty = np.take(array, [], axis)
+            for nothing in (empty, empty.astype(float), empty.tolist(), []):
+                try:
+                    value = make(nothing)
+                except (ValueError, TypeError):
+                    continue
+                assert maquette.Value.from_parts(value.kind, value.parts, value.facts) == value
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_one_number_that_stands_for_all_is_as_many(name: str) -> None:
+    make, array = EVERY[name]
+    wide = np.broadcast_to(array.reshape(-1)[:1], array.shape)
+    made: List[Any] = []
+    for given in (wide, wide.copy()):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                made.append(make(given))
+        except ValueError as error:
+            made.append(str(error))
+    assert made[0] == made[1]
+
+
+def test_a_direction_is_as_long_as_it_may_be() -> None:
+    for length in (1e-300, 1e-160, 1.0, 1e160, 1e300):
+        assert np.allclose(maquette.Direction([0.0, 3 * length, 4 * length]).vector, [0, 0.6, 0.8])
+    for wrong in ([0.0, np.inf, 0.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 0.0]):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(ValueError):
+                maquette.Direction(wrong)
 
 
 def test_colors_and_points_have_the_same_rows_and_columns() -> None:

@@ -80,9 +80,9 @@ def both(
             problems, failed, found = error.problems, True, error.run  # type: ignore[assignment]
         if found is not None:
             found.write(**write)
-    mine = {(problem.severity, problem.message) for problem in problems}
     # What files cannot tell is a warning of `write`.
-    mine |= {("warning", text) for text in (str(it.message) for it in warned) if ("warning", text) in theirs}
+    told_of = [it.message.problem for it in warned if isinstance(it.message, maquette.GraphWarning) and it.message.problem]
+    mine = {(problem.severity, problem.message) for problem in [*problems, *told_of]}
     assert mine == theirs and failed == (done.returncode == 1), (done.stderr, mine, theirs)
     for severity, message in theirs:
         assert severity == "error" or any(message in str(it.message) for it in warned), (message, warned)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from importlib import metadata
-from typing import List
+from typing import Any, Dict, List
 
 import pytest
 
@@ -149,11 +149,12 @@ def test_examples_pass_pyright(tmp_path: pathlib.Path) -> None:
 
 
 @pytest.mark.every_change
-def test_the_example_of_the_readme_runs(graphs: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_of_the_readme_run(graphs: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(graphs.parent)
-    first = re.search(r"```python\n(import maquette.*?)```", (HERE / "README.md").read_text(), re.DOTALL)
-    assert first
-    exec(first.group(1), {})
+    names: Dict[str, Any] = {}
+    exec(examples_of(HERE / "README.md"), names)
+    assert len(names["run"]["model.glb"].vertices) and pathlib.Path("pinocchio.glb").exists()
+    assert names["skin"].compare(names["skin"]).verdict == "identical"
 
 
 @pytest.mark.every_change

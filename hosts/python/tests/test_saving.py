@@ -36,7 +36,8 @@ def told(work: Callable[[], Any]) -> List[str]:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         work()
-    return sorted(re.sub(r"^(`[^`]*`|/\S+): ", "", str(it.message)) for it in found)
+    texts = [getattr(getattr(it.message, "problem", None), "message", str(it.message)) for it in found]
+    return sorted(re.sub(r"^(`[^`]*`|/\S+): ", "", text) for text in texts)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

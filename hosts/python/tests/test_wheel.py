@@ -49,7 +49,6 @@ def test_the_wheel_is_for_all_versions() -> None:
     assert "-cp39-abi3-" in wheel.name
 
 
-@pytest.mark.every_change
 @pytest.mark.skipif(not WHEEL, reason="MAQUETTE_WHEEL names no wheel: `bash hosts/python/test` builds it")
 def test_the_same_file_works_on_every_python_here(graphs: pathlib.Path, tmp_path: pathlib.Path) -> None:
     found = pythons()

@@ -57,6 +57,10 @@ pub(super) enum Wish {
         set: BTreeMap<String, String>,
         #[serde(default)]
         draft: bool,
+        #[serde(default = "yes")]
+        pins: bool,
+        #[serde(default)]
+        locked: bool,
         node: String,
     },
 }
@@ -74,6 +78,12 @@ pub(super) struct Load {
     /// Whether each `Draft` stands for its draft.
     #[serde(default)]
     pub(super) draft: bool,
+    /// Whether pinned results stand in for their nodes.
+    #[serde(default = "yes")]
+    pub(super) pins: bool,
+    /// Whether used graphs must be what the lock file says.
+    #[serde(default)]
+    pub(super) locked: bool,
 }
 
 #[derive(Deserialize)]
@@ -96,6 +106,10 @@ pub(super) struct Run {
     pub(super) set: BTreeMap<String, String>,
     #[serde(default)]
     pub(super) draft: bool,
+    #[serde(default = "yes")]
+    pub(super) pins: bool,
+    #[serde(default)]
+    pub(super) locked: bool,
     /// The hashes of values for inputs, by the inputs' names.
     #[serde(default)]
     pub(super) inputs: BTreeMap<String, String>,
@@ -169,6 +183,10 @@ pub(super) struct InputColumn {
 
 fn one() -> usize {
     1
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Kinds of numbers, little-endian.

@@ -88,9 +88,10 @@ impl Runner {
 
     fn run(&mut self, id: &Json, run: &Run, cancel: &CancelToken) -> Result<Json, Refused> {
         let start = Instant::now();
-        let Run { graph, roots, set, draft, inputs, want, .. } = run;
+        let Run { graph, roots, set, inputs, want, .. } = run;
         let (graph, roots, set) = (graph.clone(), roots.clone(), set.clone());
-        let load = Load { graph, roots, set, draft: *draft };
+        let Run { draft, pins, locked, .. } = *run;
+        let load = Load { graph, roots, set, draft, pins, locked };
         let (graph, mut problems) = self.graph(&load)?;
         let inputs = self.inputs(inputs)?;
         let wanted = match want {
@@ -113,7 +114,7 @@ impl Runner {
         }
         problems = with_those_of_run(problems, finished.problems());
         problems.extend(self.session.warnings(&graph));
-        let values = self.values(&finished, want.as_deref());
+        let values = self.values(&finished, &graph, want.as_deref());
         self.columns.answered(&run.slot());
         let trace = finished.trace();
         let mut answer = json!({
@@ -126,10 +127,16 @@ impl Runner {
         Ok(answer)
     }
 
-    /// The values that were wanted: those that there are, and why one cannot be given as it was wanted.
-    fn values(&mut self, finished: &Finished, want: Option<&[Want]>) -> BTreeMap<String, Json> {
+    /// The values that were wanted, all outputs of the graph if nothing is named: those that there are, and why one cannot be given as it
+    /// was wanted.
+    fn values(
+        &mut self,
+        finished: &Finished,
+        graph: &Graph,
+        want: Option<&[Want]>,
+    ) -> BTreeMap<String, Json> {
         let all = || {
-            let names = finished.graph().results().map(|(name, _)| name.to_owned());
+            let names = graph.results().map(|(name, _)| name.to_owned());
             names.map(|value| Want { value, form: Form::default() }).collect()
         };
         let want = want.map_or_else(all, <[Want]>::to_vec);
@@ -183,7 +190,8 @@ fn is_of(job: &Job, run: &Run) -> bool {
 
 pub(super) fn options(load: &Load) -> Options {
     let set = load.set.clone().into_iter().collect();
-    Options { roots: load.roots.clone(), set, draft: load.draft, pins: true, ..Options::default() }
+    let Load { draft, pins, locked, .. } = *load;
+    Options { roots: load.roots.clone(), set, draft, pins, locked, ..Options::default() }
 }
 
 /// Why a host does not get what it wants.

@@ -20,21 +20,11 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from ._build import GraphBuilder, ron
-    from ._graph import (
-        Graph,
-        Node,
-        Output,
-        Param,
-        Port,
-        Progress,
-        Run,
-        WrittenFile,
-        load,
-        nodes,
-        read,
-        value_types,
-    )
+    from ._files import nodes, read, value_types
+    from ._graph import Graph, load
+    from ._params import Output, Param, Port
     from ._problems import Cancelled, Element, GraphError, GraphWarning, Note, Problem, TextEdit, UnknownNodeWarning, Use
+    from ._run import Node, Progress, Run, WrittenFile
     from ._running import Running
     from ._values import (
         Comparison,
@@ -105,11 +95,13 @@ __all__ = [
     "value_types",
 ]
 
-_GRAPH = "Graph Node Output Param Port Progress Run WrittenFile load nodes read value_types".split()
 _PROBLEMS = "Cancelled Element GraphError GraphWarning Note Problem TextEdit UnknownNodeWarning Use".split()
 _MODULES = {
-    **dict.fromkeys(_GRAPH, "._graph"),
     **dict.fromkeys(_PROBLEMS, "._problems"),
+    **dict.fromkeys(["Graph", "load"], "._graph"),
+    **dict.fromkeys(["Output", "Param", "Port"], "._params"),
+    **dict.fromkeys(["Node", "Progress", "Run", "WrittenFile"], "._run"),
+    **dict.fromkeys(["nodes", "read", "value_types"], "._files"),
     "GraphBuilder": "._build",
     "Running": "._running",
     "__version__": "._maquette",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ._values import _Floats, _Indices
+    from ._value import _Floats, _Indices
 
 MAX_INDEX = 2**32 - 1
 """The largest whole number that columns hold."""

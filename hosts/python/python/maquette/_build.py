@@ -6,10 +6,11 @@ import json
 import re
 from typing import TYPE_CHECKING, Any, Dict, List, Tuple, Union
 
-from . import _graph
+from . import _graph, _params
 
 if TYPE_CHECKING:
-    from ._graph import Graph, Path
+    from ._graph import Graph
+    from ._run import Path
 
 
 class Call:
@@ -122,7 +123,7 @@ def _fields(fields: Dict[str, Any]) -> List[str]:
 
 def _quoted(text: str) -> str:
     """A text as graph files have it."""
-    _graph._check_text("text", text)
+    _params.check_text("text", text)
     return json.dumps(text, ensure_ascii=False)
 
 

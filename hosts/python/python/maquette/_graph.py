@@ -1,29 +1,25 @@
-"""Graphs, and what comes of running them."""
+"""Graphs, and how they are run."""
 
 from __future__ import annotations
 
 import atexit
-import errno
 import os
-import stat
 import warnings
+from _thread import get_ident
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple, Type, TypeVar
-from typing import Union, overload
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from . import _maquette
-from ._problems import Cancelled, GraphError, GraphWarning, Problem, UnknownNodeWarning, problems
+from ._params import Named, Output, Param, Port, param_of, plain
+from ._problems import Cancelled, GraphError, GraphWarning, Problem, problems, warning_of
+from ._run import Asked, Path, Progress, Run, telling
 from ._values import Value, value_of, wrap
 
 if TYPE_CHECKING:
     from ._running import Running
 
-Path = Union[str, "os.PathLike[str]"]
-T = TypeVar("T")
-V = TypeVar("V", bound=Value)
-
-# The code of the problem that a node's type is one that no pack has.
-_UNKNOWN_NODE = "G003"
+# Far more than any machine has.
+_MAX_THREADS = 65535
 
 # What went wrong with keeping and sharing results, as far as somebody was warned of it.
 _TOLD: Set[str] = set()
@@ -36,124 +32,6 @@ def _finish() -> None:
         if trouble not in _TOLD:
             _TOLD.add(trouble)
             warnings.warn(trouble, GraphWarning, stacklevel=2)
-
-
-class Param(NamedTuple):
-    """A parameter that a graph declares."""
-
-    name: str
-    """Its name, as `Graph.run` takes it."""
-    kind: str
-    """`Number`, `Integer`, `Toggle`, `Color`, `Text`, `Choice` or `Vector`."""
-    default: Any
-    """Its value if none is given: float, int, bool, str or a list of numbers."""
-    min: Optional[float]
-    """The least number that it takes."""
-    max: Optional[float]
-    """The greatest number that it takes."""
-    unit: Optional[str]
-    """The unit of its number, such as `mm`."""
-    choices: Tuple[str, ...]
-    """What a `Choice` chooses from."""
-    doc: str
-    """What it does, in the words of the graph's author."""
-
-
-class Port(NamedTuple):
-    """An input of a graph that is a function of values."""
-
-    name: str
-    """Its name, as `inputs` of `Graph.run` takes it."""
-    kind: str
-    """The type of values that it takes, such as `Mesh`."""
-    doc: str
-    """What it is, in the words of the graph's author."""
-
-
-class Output(NamedTuple):
-    """Something that a graph gives."""
-
-    name: str
-    """Its name: a file, or a value of a graph with inputs."""
-    kind: Optional[str]
-    """The type of its value; None if it is that of what comes in."""
-
-
-class Node(NamedTuple):
-    """What happened to a node in a run, and why."""
-
-    name: str
-    """Its name in the graph."""
-    node: str
-    """Its type, such as `Threshold`."""
-    state: str
-    """`cached`, `equal` (not run, since its inputs came out the same), `computed`, `failed` or `skipped`."""
-    reason: str
-    """Why, in words."""
-    seconds: float
-    """How long it ran; 0 if it did not."""
-    bytes: int
-    """How much memory its results hold."""
-    warnings: List[str]
-    """Its doubts about the results."""
-    unchanged: bool = False
-    """Whether it ran and gave the same as last time."""
-
-
-class WrittenFile(NamedTuple):
-    """A file that `Run.write` wrote, or left alone because it was right."""
-
-    name: str
-    """The output."""
-    path: str
-    """Where it is."""
-    bytes: int
-    """Its size."""
-    hash: str
-    """The hash of its content."""
-
-
-class Progress(NamedTuple):
-    """How far a run is."""
-
-    node: str
-    """The node that something is told of; empty for nodes that need not be looked at."""
-    state: str
-    """`started`, `progress`, or what became of it: `computed`, `cached`, `equal`, `failed`, `skipped`."""
-    share: float
-    """How much of the node is done, 0 to 1."""
-    done: int
-    """How many nodes are done."""
-    total: int
-    """How many nodes the graph has; a run may need fewer."""
-
-
-class _Named(Mapping[str, T]):
-    """Things by their names, in order."""
-
-    def __init__(self, what: str, things: Dict[str, T]) -> None:
-        self._what, self._things = what, things
-
-    def __getitem__(self, name: str) -> T:
-        try:
-            return self._things[name]
-        except KeyError:
-            known = ", ".join(self._things) or "none"
-            raise KeyError(f"no {self._what} `{name}`; there are: {known}") from None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._things)
-
-    def __len__(self) -> int:
-        return len(self._things)
-
-    def __repr__(self) -> str:
-        return "\n".join(repr(thing) for thing in self._things.values()) or f"no {self._what}"
-
-    def _repr_html_(self) -> str:
-        from ._show import named_html
-
-        return named_html(self._what, list(self._things.values()))
 
 
 def load(
@@ -190,6 +68,8 @@ def load(
     """
     if not 0 <= verify_cache <= 100:
         raise ValueError(f"verify_cache is {verify_cache}; expected a percentage from 0 to 100")
+    if not 0 <= threads <= _MAX_THREADS:
+        raise ValueError(f"threads is {threads}; expected a number from 0 to {_MAX_THREADS}")
     most = None if max_memory is None else str(max_memory)
     if cache is True:
         folder: Optional[str] = None
@@ -220,6 +100,8 @@ class Graph:
         # The texts of warnings that were given, and what stops the runs under way.
         self._warned: Set[str] = set()
         self._running: Set[_maquette.Cancel] = set()
+        # What stops a run that `start` begins, by the thread that it is about to begin on.
+        self._started: Dict[int, _maquette.Cancel] = {}
         self._known: Optional[Dict[str, str]] = None
         if text is None:
             with open(self._path, "rb"):
@@ -287,21 +169,19 @@ class Graph:
     def _warn(self, found: Sequence[Problem], level: int) -> None:
         """Warns of what is to be doubted and of troubles of the cache, of each once."""
         for problem in found:
-            kind = UnknownNodeWarning if problem.code == _UNKNOWN_NODE else GraphWarning
-            text = f"{problem.file}:{problem.line}:{problem.column}: {problem.message}"
-            self._warn_once(f"{text} ({problem.help})" if problem.help else text, kind, level + 1)
+            self._warn_once(warning_of(problem), level + 1)
         for trouble in self._session.troubles():
             _TOLD.add(trouble)
-            self._warn_once(trouble, GraphWarning, level + 1)
+            self._warn_once(GraphWarning(trouble), level + 1)
 
-    def _warn_once(self, text: str, kind: Type[Warning], level: int) -> None:
-        if text not in self._warned:
-            self._warned.add(text)
-            warnings.warn(text, kind, stacklevel=level)
+    def _warn_once(self, warning: GraphWarning, level: int) -> None:
+        if str(warning) not in self._warned:
+            self._warned.add(str(warning))
+            warnings.warn(warning, stacklevel=level)
 
     def _as_ron(self, name: str, value: Any) -> str:
         """A value as graph files have it: of a parameter by its type, else as it is."""
-        value = _plain(name, value)
+        value = plain(name, value)
         try:
             return self._graph.as_ron(name, value)
         except KeyError:
@@ -337,20 +217,20 @@ class Graph:
         """Its parameters, by name, with types, defaults, ranges and units."""
         inputs = set(self.inputs)
         fields = self._graph.schema().get("properties", {})
-        return _Named(
+        return Named(
             "parameter",
-            {name: _param(name, field) for name, field in fields.items() if name not in inputs},
+            {name: param_of(name, field) for name, field in fields.items() if name not in inputs},
         )
 
     @property
     def inputs(self) -> Mapping[str, Port]:
         """The values that it wants, by name, if it is a function of values."""
-        return _Named("input", {port[0]: Port(*port) for port in self._graph.inputs()})
+        return Named("input", {port[0]: Port(*port) for port in self._graph.inputs()})
 
     @property
     def outputs(self) -> Mapping[str, Output]:
         """What it gives, by name, with the types of the values."""
-        return _Named("output", {output[0]: Output(*output) for output in self._graph.results()})
+        return Named("output", {output[0]: Output(*output) for output in self._graph.results()})
 
     def check(self) -> List[Problem]:
         """What is to be doubted of the graph, though it runs: warnings, and nodes that nothing needs."""
@@ -382,18 +262,13 @@ class Graph:
         not hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell. Raises
         TimeoutError or Cancelled if it was stopped.
         """
-        return self._until_cancelled(
-            _maquette.Cancel(),
-            outputs,
-            nodes=nodes,
-            inputs=inputs,
-            progress=progress,
-            strict=strict,
-            draft=draft,
-            timeout=timeout,
-            params=params,
-            **named,
-        )
+        call = _Call(outputs, nodes, inputs, progress, strict, draft, timeout)
+        token = self._started.pop(get_ident(), None) or _maquette.Cancel()
+        self._running.add(token)
+        try:
+            return self._evaluate(token, call, self._given(params, named, call._asdict()))
+        finally:
+            self._running.discard(token)
 
     def start(self, /, *outputs: Any, **arguments: Any) -> Running:
         """Begins what `run` does with these arguments, on another thread, and gives a future: `run = graph.start(growth=12).result()`,
@@ -402,57 +277,31 @@ class Graph:
 
         token = _maquette.Cancel()
         self._running.add(token)
-        return Running(lambda: self._until_cancelled(token, *outputs, **arguments), token)
+
+        def run() -> Run:
+            self._started[get_ident()] = token
+            return self.run(*outputs, **arguments)
+
+        return Running(run, token)
 
     def cancel(self) -> None:
         """Stops the runs of the graph that are under way on other threads; each raises Cancelled."""
         for token in list(self._running):
             token.cancel()
 
-    def _until_cancelled(self, token: _maquette.Cancel, /, *outputs: Any, **arguments: Any) -> Run:
-        """What `run` does, until the token stops it."""
-        self._running.add(token)
-        try:
-            return self._evaluate(token, *outputs, **arguments)
-        finally:
-            self._running.discard(token)
-
-    def _evaluate(
-        self,
-        token: _maquette.Cancel,
-        /,
-        outputs: Union[str, Sequence[str], None] = None,
-        *,
-        nodes: Union[str, Sequence[str], None] = None,
-        inputs: Optional[Mapping[str, Any]] = None,
-        progress: Union[Callable[[Progress], object], bool, None] = None,
-        strict: Optional[bool] = None,
-        draft: Optional[bool] = None,
-        timeout: Optional[float] = None,
-        params: Optional[Mapping[str, Any]] = None,
-        **named: Any,
-    ) -> Run:
-        arguments = {
-            "outputs": outputs,
-            "nodes": nodes,
-            "inputs": inputs,
-            "progress": progress,
-            "strict": strict,
-            "draft": draft,
-            "timeout": timeout,
-        }
-        given = self._given(params, named, arguments)
-        seconds = _seconds(timeout)
-        asked = None if outputs is None else _names("outputs", outputs)
-        wanted = [] if nodes is None else _names("nodes", nodes)
+    def _evaluate(self, token: _maquette.Cancel, call: _Call, given: Mapping[str, Any]) -> Run:
+        """Runs the graph with these parameters, until the token stops it."""
+        seconds = _seconds(call.timeout)
+        asked = None if call.outputs is None else _names("outputs", call.outputs)
+        wanted = [] if call.nodes is None else _names("nodes", call.nodes)
         for output in asked or ():
             self.outputs[output]
-        is_draft = bool(draft)
+        is_draft = bool(call.draft)
         graph, checked = self._graph, self._problems
         if given or is_draft:
             graph, checked, _ = self._checked(given, self._texts, is_draft)
-        values, doubts, files = self._values({} if inputs is None else inputs)
-        told, end = _told(progress, len(self.nodes))
+        values, doubts, files = self._values({} if call.inputs is None else call.inputs)
+        told, end = telling(call.progress, len(self.nodes))
         try:
             found, wrong = self._session.run(
                 graph,
@@ -469,11 +318,11 @@ class Graph:
             raise Cancelled("the run was cancelled")
         if found is None:
             raise GraphError(problems(wrong))
-        checked = [*checked, *doubts]
-        self._warn(checked, 5)
-        run = Run(self, found, _Asked(asked, wanted, is_draft, checked, files))
+        run = Run(self, found, Asked(asked, wanted, is_draft, [*checked, *doubts], files))
+        # What was a doubt of the graph may be an error of the run.
+        self._warn([problem for problem in run.problems if problem.severity != "error"], 4)
         failed = [problem for problem in run.problems if problem.severity == "error"]
-        if failed and (strict is None or strict):
+        if failed and (call.strict is None or call.strict):
             raise GraphError(failed, run)
         return run
 
@@ -488,8 +337,11 @@ class Graph:
         for name, given in inputs.items():
             if isinstance(given, (str, os.PathLike)):
                 files.append((name, given))
-            else:
+            elif name in ports:
                 values[name] = value_of(ports[name].kind, given)
+            else:
+                # The engine says what an unknown input may have meant, whatever is given for it.
+                files.append((name, ""))
         if files:
             read, told = self._session.read_inputs(self._graph, files)
             if read is None:
@@ -536,153 +388,16 @@ class Graph:
         return f"<Graph {self._path}: {len(self.nodes)} nodes, outputs {', '.join(self.outputs)}>"
 
 
-class _Asked(NamedTuple):
-    """What was asked of a run, and what was known before it."""
+class _Call(NamedTuple):
+    """The arguments of `Graph.run` but for the parameters of the graph."""
 
-    outputs: Optional[List[str]]
-    nodes: List[str]
-    is_draft: bool
-    checked: List[Problem]
-    files: List[str]
-
-
-class Run(Mapping[str, Value]):
-    """What a run of a graph gave: `run["model.glb"]` is the value of an output, a node or an output of a node.
-
-    It is a mapping of what was asked for and did not fail, outputs and then nodes: `for name, value in run.items()`. By name it has all else
-    that was found on the way, too.
-    """
-
-    def __init__(self, graph: Graph, found: _maquette.Finished, asked: _Asked) -> None:
-        self._graph, self._found, self._asked = graph, found, asked
-
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
-    @property
-    def graph(self) -> Graph:
-        """The graph that was run."""
-        return self._graph
-
-    def __getitem__(self, name: str) -> Value:
-        """The value of an output, a node (its first output) or an output of a node. Raises KeyError if it was not asked for or failed."""
-        found = self._found.value(name)
-        if found is None:
-            known = self._graph.nodes
-            is_node = name.split(".")[0] in known
-            hint = f'run(nodes=["{name}"]) asks for it, unless it failed' if is_node else "there is no such output or node"
-            raise KeyError(f"no value `{name}`: {hint}")
-        return wrap(found)
-
-    def value(self, name: str, kind: Type[V]) -> V:
-        """The same as a value of this class, `run.value("model.glb", maquette.Mesh)`, as checkers of types want it. Raises TypeError if it is
-        of another one."""
-        value = self[name]
-        if not isinstance(value, kind):
-            raise TypeError(f"`{name}` is a {value.kind}; expected a {kind.__name__}")
-        return value
-
-    def __contains__(self, name: object) -> bool:
-        """Whether there is a value of this name."""
-        return isinstance(name, str) and self._found.value(name) is not None
-
-    def __iter__(self) -> Iterator[str]:
-        """The names of what was asked for and did not fail."""
-        outputs = self._graph.outputs if self._asked.outputs is None else self._asked.outputs
-        return (name for name in dict.fromkeys([*outputs, *self._asked.nodes]) if name in self)
-
-    def __len__(self) -> int:
-        """The number of values that were asked for and did not fail."""
-        return sum(1 for _ in self)
-
-    def __bool__(self) -> bool:
-        """True, even if nothing came of it."""
-        return True
-
-    @property
-    def trace(self) -> List[Node]:
-        """What happened to each node, and why, each after those that it hangs on."""
-        return [Node(**node) for node in self._found.trace()]
-
-    @property
-    def problems(self) -> List[Problem]:
-        """What is to be doubted of the graph, what failed, what nodes warn of, and what the graph expects that does not hold."""
-        found = problems(self._found.problems())
-        known = {problem._replace(severity="", text="") for problem in found}
-        checked = [it for it in self._asked.checked if it._replace(severity="", text="") not in known]
-        return checked + found
-
-    def write(self, folder: Optional[Path] = None, *, provenance: bool = True) -> List[WrittenFile]:
-        """Writes the outputs that were asked for to a folder, as `maquette run` does; a file that is right is left alone. If no folder is named,
-        it is `out/GRAPH`, or `out/GRAPH-draft` after `run(draft=True)`. `provenance`: whether files tell of the graph, the parameters and the
-        files that they were made of.
-
-        What a file cannot tell of its value is a warning. Raises GraphError if a file cannot be written; what was there stays.
-        """
-        asked = self._asked
-        if asked.outputs is not None and not asked.outputs:
-            return []
-        written, found = self._found.write(
-            folder, self._graph.path, asked.is_draft, asked.outputs or [], provenance, asked.files
-        )
-        told = problems(found)
-        if any(problem.severity == "error" for problem in told):
-            raise GraphError(told, self)
-        for problem in told:
-            warnings.warn(problem.message, stacklevel=2)
-        return [WrittenFile(**file) for file in written]
-
-    def __repr__(self) -> str:
-        states: Dict[str, int] = {}
-        for node in self.trace:
-            states[node.state] = states.get(node.state, 0) + 1
-        counts = ", ".join(f"{count} {state}" for state, count in states.items())
-        return f"<Run of {self._graph.path}: {counts or 'no nodes'}>"
-
-    def _repr_html_(self) -> str:
-        from ._show import run_html
-
-        return run_html(self)
-
-
-@overload
-def read(path: Path, kind: Optional[str] = None) -> Value: ...
-@overload
-def read(path: Path, kind: Type[V]) -> V: ...
-def read(path: Path, kind: Union[str, Type[Value], None] = None) -> Value:
-    """The value in a file, by its ending: a `Mesh` from .glb, .obj, .ply, .stl .., a `RangeImage` from .pcd, a picture from .png ..
-
-    `kind` says which type it is to be, by name or class, `read("a.ply", maquette.Points)`. What is doubtful of the file is a warning. Raises
-    FileNotFoundError and its like if the file cannot be read, ValueError that says what is wrong with it and where.
-    """
-    path = os.fspath(path)
-    _check_readable(path)
-    name = kind.KIND if isinstance(kind, type) and issubclass(kind, Value) else kind
-    value, doubts = _maquette.read(path, name)
-    for doubt in doubts:
-        warnings.warn(f"{path}: {doubt}", stacklevel=2)
-    return wrap(value)
-
-
-def _check_readable(path: str) -> None:
-    """Raises what `open` raises of a file that cannot be read."""
-    wrong = 0
-    if stat.S_ISDIR(os.stat(path).st_mode):
-        wrong = errno.EISDIR
-    elif not os.access(path, os.R_OK):
-        wrong = errno.EACCES
-    if wrong:
-        raise OSError(wrong, os.strerror(wrong), path)
-
-
-def nodes() -> Dict[str, Any]:
-    """All node types by name: what `maquette nodes --json` prints of each: words, inputs, outputs and the JSON schema of its parameters."""
-    return {node["name"]: node for node in _maquette.catalog()["nodes"]}
-
-
-def value_types() -> Dict[str, Any]:
-    """All types of values by name, with the endings of files that they are read from and written to."""
-    return {kind["name"]: kind for kind in _maquette.catalog()["values"]}
+    outputs: Union[str, Sequence[str], None]
+    nodes: Union[str, Sequence[str], None]
+    inputs: Optional[Mapping[str, Any]]
+    progress: Union[Callable[[Progress], object], bool, None]
+    strict: Optional[bool]
+    draft: Optional[bool]
+    timeout: Optional[float]
 
 
 def _seconds(timeout: Optional[float]) -> Optional[float]:
@@ -700,29 +415,6 @@ def _text(file: str) -> str:
         return opened.read()
 
 
-def _plain(name: str, value: Any) -> Any:
-    """A value of NumPy or Python as a bool, number, text or list. Raises TypeError or ValueError with the parameter's name."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, (tuple, list)):
-        try:
-            return [_plain(name, item) for item in value]
-        except RecursionError:
-            raise ValueError(f"`{name}` is a list that is nested too deeply") from None
-    if isinstance(value, str):
-        _check_text(name, value)
-        return value
-    if isinstance(value, (bool, int)):
-        return value
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"`{name}` is a {type(value).__name__}, which no parameter is") from None
-    if number != number or number in (float("inf"), float("-inf")):
-        raise ValueError(f"`{name}` is {number}")
-    return number
-
-
 def _names(argument: str, names: Union[str, Sequence[str]]) -> List[str]:
     """A name or some names as a list. An iterator is refused, since it may have no end."""
     if isinstance(names, str):
@@ -730,60 +422,3 @@ def _names(argument: str, names: Union[str, Sequence[str]]) -> List[str]:
     if not isinstance(names, Collection):
         raise TypeError(f"`{argument}` is a {type(names).__name__}; expected a name or a list of names")
     return list(names)
-
-
-def _check_text(name: str, text: str) -> None:
-    """Raises ValueError if a text cannot be written to a file, as names of files that are not valid UTF-8."""
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        reason = f"character {error.start} is a lone surrogate, as in names of files that are not valid UTF-8"
-        raise ValueError(f"`{name}` is {ascii(text)}, which is not valid Unicode: {reason}") from None
-
-
-def _param(name: str, field: Dict[str, Any]) -> Param:
-    """A parameter as its JSON schema has it."""
-    kinds = {"number": "Number", "integer": "Integer", "boolean": "Toggle", "array": "Vector"}
-    kind = kinds.get(field.get("type", ""), "Text")
-    if "enum" in field:
-        kind = "Choice"
-    elif field.get("format") == "color":
-        kind = "Color"
-    limits = field.get("items", {}) if kind == "Vector" else field
-    return Param(
-        name,
-        kind,
-        field.get("default"),
-        limits.get("minimum"),
-        limits.get("maximum"),
-        field.get("unit"),
-        tuple(field.get("enum", ())),
-        field.get("description", ""),
-    )
-
-
-def _told(
-    progress: Union[Callable[[Progress], object], bool, None], total: int
-) -> Tuple[Optional[Callable[[str, str, float], object]], Callable[[], object]]:
-    """What is called as things happen, and at the end."""
-    if not progress:
-        return None, lambda: None
-    end: Callable[[], object] = lambda: None
-    if progress is True:
-        from ._show import bar
-
-        tell, end = bar()
-    else:
-        tell = progress
-    done = 0
-
-    def told(what: str, node: str, number: float) -> None:
-        nonlocal done
-        if what == "unchanged":
-            done += int(number)
-        elif what not in ("started", "progress"):
-            done += 1
-        share = {"started": 0.0, "progress": number}.get(what, 1.0)
-        tell(Progress(node, what, share, done, max(total, done)))
-
-    return told, end

@@ -11,13 +11,14 @@ import warnings
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional
 
 from . import _arrays, _pictures
-from ._values import Mesh, Part, Value
+from ._mesh import Mesh, Points, vertices_and_faces
+from ._value import Part, Value
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ._values import _AnyPart, _Indices
+    from ._value import _AnyPart, _Indices
 
     _Parts = Dict[str, _AnyPart]
 
@@ -39,19 +40,17 @@ def parts_of_mesh(given: Any) -> _Parts:
         return _of_open3d(given) if hasattr(given, "material") and hasattr(given, "vertex") else _of_legacy_open3d(given)
     if library == "pyvista":
         return _of_pyvista(given)
-    from ._values import _vertices_and_faces
 
     faces = getattr(given, "faces", None)
     faces = getattr(given, "triangles", None) if faces is None else faces
     vertices = getattr(given, "vertices", None)
     if vertices is None or faces is None or isinstance(given, Value):
         raise TypeError(f"a mesh needs vertices and faces, or something that has both; {type(given).__name__} has not")
-    return _vertices_and_faces(vertices, faces)
+    return vertices_and_faces(vertices, faces)
 
 
 def parts_of_points(given: Any) -> _Parts:
     """The columns of points of another library, of whatever has points or vertices, or of an array."""
-    from ._values import Points
 
     if isinstance(given, Points):
         return dict(given.parts)
@@ -269,9 +268,8 @@ def _array(part: _AnyPart) -> Any:
 
 
 def _arrays_of(vertices: Any, faces: Any) -> _Parts:
-    from ._values import _vertices_and_faces
 
-    return _vertices_and_faces(vertices, faces)
+    return vertices_and_faces(vertices, faces)
 
 
 # Open3D

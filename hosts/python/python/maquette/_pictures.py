@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
 from . import _arrays
 
 if TYPE_CHECKING:
-    from ._values import Image, Part, _Bytes
+    from ._grids import Image
+    from ._value import Part, _Bytes
 
 TEXTURE_PARTS = ("texture", "texture size", "texture camera")
 """The columns of a mesh that are of the picture on it."""
@@ -70,7 +71,8 @@ def texture_parts(texture: Any) -> Dict[str, Tuple[str, Any]]:
 
 def texture_of(parts: Mapping[str, Part]) -> Optional[Image]:
     """The picture on a mesh of these columns."""
-    from ._values import Image, Value
+    from ._grids import Image
+    from ._value import Value
 
     if "texture" not in parts or "texture size" not in parts:
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 if TYPE_CHECKING:
-    from ._graph import Run
+    from ._run import Run
 
 
 class Use(NamedTuple):
@@ -114,11 +114,29 @@ def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
 
 
 class GraphWarning(UserWarning):
-    """Something about a graph, its inputs or its cache is to be doubted, though it can be run."""
+    """Something about a graph, its inputs, its files or its cache is to be doubted, though it can be run."""
+
+    problem: Optional[Problem]
+    """What it is and where, if it lies in a graph; None for troubles of the cache."""
+
+    def __init__(self, text: str, problem: Optional[Problem] = None) -> None:
+        super().__init__(text)
+        self.problem = problem
 
 
 class UnknownNodeWarning(GraphWarning):
     """A graph has a node of a type that no pack has: what does not hang on it can be run."""
+
+
+# The code of the problem that a node's type is one that no pack has.
+_UNKNOWN_NODE = "G003"
+
+
+def warning_of(problem: Problem) -> GraphWarning:
+    """The warning that says a problem in one line."""
+    kind = UnknownNodeWarning if problem.code == _UNKNOWN_NODE else GraphWarning
+    text = f"{problem.file}:{problem.line}:{problem.column}: {problem.message}"
+    return kind(f"{text} ({problem.help})" if problem.help else text, problem)
 
 
 class Cancelled(Exception):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Callable, Generator
 from . import _maquette
 
 if TYPE_CHECKING:
-    from ._graph import Run
+    from ._run import Run
 
     _Future = Future[Run]
 else:

@@ -9,8 +9,8 @@ import sys
 from typing import TYPE_CHECKING, Any, Callable, List, Sequence, Tuple
 
 if TYPE_CHECKING:
-    from ._graph import Progress, Run
-    from ._values import Value
+    from ._run import Progress, Run
+    from ._value import Value
 
 _Bar = Tuple[Callable[["Progress"], object], Callable[[], object]]
 
