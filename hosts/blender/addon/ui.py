@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import pathlib
 from typing import Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from . import engine, live, panel
+from . import engine, live, panel, values
 from .client import Answer
 
 
@@ -98,7 +97,6 @@ class MAQUETTE_OT_restart(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         """Starts it."""
         engine.restart()
-        live.restarted()
         return {"FINISHED"}
 
 
@@ -113,10 +111,7 @@ class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forgets the value."""
         owner = active(context)
-        known = live.values(owner)
-        known.pop(self.name, None)
-        owner.maquette.values = json.dumps(known) if known else ""
-        owner.pop(live.WIDGET + self.name, None)
+        values.reset(owner, self.name)
         live.reload(owner)
         return {"FINISHED"}
 
@@ -145,7 +140,8 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Writes them."""
         owner = active(context)
-        uid, known = live.key(owner), live.values(owner)
+        uid, loaded, own = live.key(owner), live.state(owner).loaded, values.kept(owner)
+        known = {name: text for name, text in own.items() if loaded and loaded["ok"] and values.is_known(name, loaded)}
         edits = [{"set": {"target": name, "value": value}} for name, value in known.items()]
 
         def done(answer: Answer) -> None:
@@ -153,7 +149,7 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
             if found is None:
                 return
             if answer.ok:
-                found.maquette.values = ""
+                values.keep(found, {name: text for name, text in values.kept(found).items() if known.get(name) != text})
                 # Its widgets show what are the graph's own values now.
                 live.reload(found)
             else:
@@ -212,9 +208,11 @@ class GraphPanel(ForLiveObject):
             return _state(layout, it)
         if it.loaded.get("doc"):
             layout.label(text=it.loaded["doc"])
-        known = live.values(owner)
+        known = values.kept(owner)
         for control in it.controls:
             _control(layout, owner, control, control.name in known)
+        if it.loaded["ok"]:
+            _unknown(layout, it, known)
         wanted = {its["name"] for its in it.loaded["inputs"]} if it.loaded["ok"] else owner.maquette.inputs.keys()
         for given in owner.maquette.inputs:
             if given.name in wanted:
@@ -249,15 +247,18 @@ def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_se
     if name not in owner.keys():
         return
     row = layout.row(align=True)
-    if control.kind == "choice":
-        row.label(text=control.title)
-        for word in control.choices:
-            chosen = row.operator("maquette.choose", text=word, depress=owner[name] == word)
-            chosen.name, chosen.word = control.name, word
-    else:
-        row.prop(owner, f'["{name}"]', text=control.title, slider=control.is_ranged)
+    row.prop(owner, f'["{name}"]', text=control.title, slider=control.is_ranged)
     if is_set:
         row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
+
+
+def _unknown(layout: Any, it: live.State, known: dict[str, str]) -> None:
+    """Values of parameters that the graph has no more: they wait for such a parameter, or are dropped."""
+    for name, text in known.items():
+        if not values.is_known(name, it.loaded):
+            row = layout.row(align=True)
+            row.label(text=f"{name} = {text}: the graph has no such parameter", icon="ERROR")
+            row.operator("maquette.reset", text="", icon="X").name = name
 
 
 def _state(layout: Any, it: live.State | None) -> None:
