@@ -132,11 +132,11 @@ def state(owner: bpy.types.Object) -> State:
 
 def objects() -> list[bpy.types.Object]:
     """All live objects but those of other files: these show what was computed there."""
-    return [it for it in _all() if not it.library and not it.override_library]
+    return [it for it in everything() if not it.library and not it.override_library]
 
 
-def _all() -> list[bpy.types.Object]:
-    """All live objects. A scene may have thousands of others, at which a look does not look."""
+def everything() -> list[bpy.types.Object]:
+    """All live objects, those of other files too. A scene may have thousands of others, at which a look does not look."""
     global _live, _counted
     if _live is not None and _counted == len(bpy.data.objects):
         try:
@@ -156,7 +156,7 @@ def _forget() -> None:
 
 def graph_path(owner: bpy.types.Object) -> str:
     """The graph's file."""
-    return bpy.path.abspath(owner.maquette.graph)
+    return bpy.path.abspath(owner.maquette.graph, library=owner.library)
 
 
 def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
@@ -305,7 +305,7 @@ def _load(owner: bpy.types.Object, it: State) -> None:
 
 def found(uid: int) -> bpy.types.Object | None:
     """The object again: what was held over an undo may be gone."""
-    return next((owner for owner in _all() if key(owner) == uid), None)
+    return next((owner for owner in everything() if key(owner) == uid), None)
 
 
 def _arrange(owner: bpy.types.Object, it: State) -> None:
@@ -432,7 +432,8 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
         owner.data[SHOWN] = told["hash"]
     turn = AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0)
     if turn:
-        owner.matrix_world = owner.matrix_world @ Matrix.Rotation(turn, 4, "X")
+        # Not its matrix in the world: that is not evaluated yet where a script has placed the object a moment ago.
+        owner.matrix_basis = owner.matrix_basis @ Matrix.Rotation(turn, 4, "X")
         owner.maquette.axes = told["axes"]
         _placed(owner)
     owner.maquette.shown = told["hash"]
@@ -579,7 +580,7 @@ def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
     """Objects at inputs were changed, or live objects moved."""
     if evaluated.is_at_work:
         return
-    found = depsgraph.updates if _all() or depsgraph.id_type_updated("OBJECT") else ()
+    found = depsgraph.updates if everything() or depsgraph.id_type_updated("OBJECT") else ()
     moved: set[str] = set()
     changed: set[str] = set()
     for update in found:
@@ -588,7 +589,7 @@ def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
             changed.add(original.name_full)
             if update.is_updated_transform:
                 moved.add(original.name_full)
-            if isinstance(original, bpy.types.Object) and original.maquette.graph and original not in _all():
+            if isinstance(original, bpy.types.Object) and original.maquette.graph and original not in everything():
                 _forget()
     if not changed:
         return

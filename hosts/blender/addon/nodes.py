@@ -41,6 +41,8 @@ class MaquetteTree(bpy.types.NodeTree):
     maquette_graph: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
     )
+    maquette_folder: bpy.props.StringProperty(description="The folder that `//` at the beginning of the graph's path stands for")  # type: ignore[valid-type]
+    maquette_beside: bpy.props.StringProperty(description="The graph's path from the folder of the file, when that was saved")  # type: ignore[valid-type]
     maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
     maquette_changes: bpy.props.IntProperty(description="The number of others' changes that the text has")  # type: ignore[valid-type]
 

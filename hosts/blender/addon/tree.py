@@ -124,7 +124,7 @@ def tick() -> None:
         if undone and not tree.maquette_text:
             # The step was taken before the graph was read for the first time.
             state.outline = None
-        path = bpy.path.abspath(tree.maquette_graph)
+        path = bpy.path.abspath(tree.maquette_graph, library=tree.library)
         if path != state.path:
             state.path, state.history = path, History()
             state.outline, state.edited, state.keeps = None, None, False

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from . import engine, live, panel, values
+from . import engine, live, panel, paths, values
 from .client import Answer
 
 
@@ -38,10 +38,11 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Adds it."""
-        if not pathlib.Path(self.filepath).is_file():
-            self.report({"ERROR"}, f"there is no file {self.filepath}")
+        path = bpy.path.abspath(self.filepath)
+        if not pathlib.Path(path).is_file():
+            self.report({"ERROR"}, f"there is no file {path}")
             return {"CANCELLED"}
-        live.add(self.filepath, context)
+        live.add(paths.chosen(path), context)
         return {"FINISHED"}
 
 

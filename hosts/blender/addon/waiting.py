@@ -84,7 +84,7 @@ def _is_done(owner: bpy.types.Object) -> bool:
 def _why(owner: bpy.types.Object) -> str:
     it = live.state(owner)
     errors = [problem["message"] for problem in it.problems if problem.get("severity") == "error"]
-    return engine.ended() or live.hindrance(owner) or it.message or next(iter(errors), "")
+    return engine.ended() or live.hindrance(owner) or next(iter(errors), it.message)
 
 
 class MAQUETTE_OT_update(bpy.types.Operator):
