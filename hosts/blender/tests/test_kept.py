@@ -121,7 +121,7 @@ WIDGETS = """Graph(
     nodes: {
         "small": Primitive(shape: Box(size: Param("sides"))),
         "large": Primitive(shape: Sphere(radius: 20.0, sides: 8)),
-        "chosen": Switch(choose: Param("which"), of: { small: "small", large: "large" }),
+        "chosen": Switch(cases: { "small": "small", "large": "large" }, choose: Param("which")),
     },
     outputs: { "box.ply": "chosen" },
 )
