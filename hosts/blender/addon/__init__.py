@@ -6,13 +6,13 @@ What is registered is in `MODULES`, and nowhere else; each has `register` and `u
 
 from __future__ import annotations
 
-from . import engine, live, nodes, paths, preferences, tree, tree_ui, ui, waiting
+from . import engine, frames, live, nodes, paths, preferences, tree, tree_ui, ui, waiting
 from .waiting import update
 
 __all__ = ["update"]
 
 # Each may use what those above it have registered.
-MODULES = (preferences, engine, live, waiting, nodes, tree, paths, ui, tree_ui)
+MODULES = (preferences, engine, live, waiting, nodes, tree, paths, ui, frames, tree_ui)
 
 
 def register() -> None:

@@ -434,6 +434,8 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     if turn:
         # Not its matrix in the world: that is not evaluated yet where a script has placed the object a moment ago.
         owner.matrix_basis = owner.matrix_basis @ Matrix.Rotation(turn, 4, "X")
+        if not evaluated.is_frame():
+            bpy.context.view_layer.update()
         owner.maquette.axes = told["axes"]
         _placed(owner)
     owner.maquette.shown = told["hash"]

@@ -27,6 +27,7 @@ class Control:
     # The number of components of a vector, and whether they are integers.
     width: int = 0
     is_whole: bool = False
+    is_required: bool = False
 
     @property
     def title(self) -> str:
@@ -68,6 +69,7 @@ def controls(schema: dict[str, Any]) -> list[Control]:
                 choices,
                 json.dumps(field["draft"]["draft"]) if "draft" in field else "",
                 *_vector(field),
+                name in schema.get("required", ()),
             )
         )
     return found

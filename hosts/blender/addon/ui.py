@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from typing import Any
 
@@ -35,15 +36,36 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO"}
     filename_ext = ".ron"
     filter_glob: bpy.props.StringProperty(default="*.ron", options={"HIDDEN"})  # type: ignore[valid-type]
+    # What was dropped last is not what is added next.
+    filepath: bpy.props.StringProperty(name="File Path", subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Asks for the file, if none was dropped."""
+        return self.execute(context) if self.filepath else ImportHelper.invoke(self, context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Adds it."""
-        path = bpy.path.abspath(self.filepath)
+        # The engine may have another current folder.
+        path = os.path.abspath(bpy.path.abspath(self.filepath))
         if not pathlib.Path(path).is_file():
             self.report({"ERROR"}, f"there is no file {path}")
             return {"CANCELLED"}
         live.add(paths.chosen(path), context)
         return {"FINISHED"}
+
+
+class MAQUETTE_FH_graph(bpy.types.FileHandler):
+    """Graphs that are dropped into a 3D view or the outliner."""
+
+    bl_idname = "MAQUETTE_FH_graph"
+    bl_label = "Maquette Graph"
+    bl_import_operator = "maquette.add"
+    bl_file_extensions = ".ron"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Whether they can be dropped there."""
+        return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
 class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
@@ -223,6 +245,7 @@ class GraphPanel(ForLiveObject):
         row = layout.row(align=True)
         row.operator("maquette.write", icon="FILE_TICK")
         row.operator("maquette.bake", icon="MESH_DATA")
+        row.operator("maquette.bake_frames", icon="FILE_CACHE")
         layout.operator("maquette.open_tree", icon="NODETREE")
 
 
@@ -294,6 +317,7 @@ def _menu(self: Any, _context: bpy.types.Context) -> None:
 
 CLASSES = (
     MAQUETTE_OT_add,
+    MAQUETTE_FH_graph,
     MAQUETTE_OT_reload,
     MAQUETTE_OT_cancel,
     MAQUETTE_OT_bake,

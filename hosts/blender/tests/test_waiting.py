@@ -196,3 +196,22 @@ def test_b3_waiting_ends_after_its_timeout(empty: Any, folder: pathlib.Path) -> 
     owner["maquette levels"] = 0
     module("waiting").update()
     assert not module("live").state(owner).message
+
+
+def test_b3_frames_are_baked_into_a_file_that_needs_no_graph(empty: Any, tmp_path: pathlib.Path) -> None:
+    owner = live(tmp_path, BOX)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 3
+    module("waiting").update()
+    key_size(owner)
+    with pytest.raises(RuntimeError, match="save it, or name a file"):
+        bpy.ops.maquette.bake_frames()
+    assert bpy.ops.maquette.bake_frames(filepath=str(tmp_path / "frames.abc")) == {"FINISHED"}
+    baked = bpy.data.objects["box frames"]
+    assert not baked.maquette.graph
+    bpy.data.objects.remove(owner)
+    (tmp_path / "box.ron").unlink()
+    for frame, wide in ((1, 10.0), (2, 20.0), (3, 30.0)):
+        scene.frame_set(frame)
+        its = baked.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        assert round(max(it.co.x for it in its.data.vertices) - min(it.co.x for it in its.data.vertices), 3) == wide
