@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pathlib
 import random
+import time
 from typing import Any
 
 import bpy
 import pytest
 from test_live import folder  # noqa: F401
 from test_live import module, until
+from test_waiting import BOX, live
 from test_tree import is_settled, named, path, push, redo, theirs, tree, undo  # noqa: F401
 
 # Fields that the user changes, with what their text is behind; and places that the other editor changes.
@@ -72,10 +74,6 @@ def test_b1_undo_and_redo_in_any_order_take_back_ones_own_steps_and_no_others(pa
 
 
 def test_b8_a_look_costs_what_live_objects_cost_not_all_others(empty: Any, tmp_path: pathlib.Path) -> None:
-    import time
-
-    from test_waiting import BOX, live
-
     owner = live(tmp_path, BOX)
     module("waiting").update()
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import pathlib
-import shutil
 from typing import Any
 
 import bpy
 import pytest
-from test_live import module, positions, until
+from test_live import module
 from test_waiting import BOX, live, size
-
-from conftest import PACKAGE
 
 
 @pytest.fixture

@@ -7,14 +7,19 @@ import os
 import pathlib
 import subprocess
 import sys
+import types
 import unittest
 from typing import Any
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+
+# The add-on's package without what it registers in Blender.
+package = types.ModuleType("addon")
+package.__path__ = [str(ROOT / "hosts/blender/addon")]
+sys.modules["addon"] = package
 
 from addon import compound  # noqa: E402
 
-ROOT = pathlib.Path(__file__).resolve().parents[4]
 PROGRAM = os.environ.get("MAQUETTE") or str(ROOT / "target/debug/maquette")
 
 
