@@ -52,7 +52,7 @@ def _outputs(its: Any, _context: Any, text: str) -> list[str]:
 
 def _changed(_its: Any, _context: Any) -> None:
     """An object became live, or is no longer."""
-    _forget()
+    forget()
 
 
 class MaquetteObject(bpy.types.PropertyGroup):
@@ -115,9 +115,12 @@ class State:
 states: dict[int, State] = {}
 _looked = 0.0
 
-# The live objects, linked ones too; None if they are to be searched for. And the number of all objects when they were.
+# The live objects, linked ones too; None if they are to be searched for. And when all objects were last counted, and their number.
 _live: list[bpy.types.Object] | None = None
-_counted = 0
+_counted, _count = 0.0, 0
+
+# Seconds between two counts: Blender tells of most new objects, and to count thousands takes milliseconds.
+COUNT = 1.0
 
 
 def key(owner: bpy.types.Object) -> int:
@@ -137,18 +140,23 @@ def objects() -> list[bpy.types.Object]:
 
 def everything() -> list[bpy.types.Object]:
     """All live objects, those of other files too. A scene may have thousands of others, at which a look does not look."""
-    global _live, _counted
-    if _live is not None and _counted == len(bpy.data.objects):
+    global _live, _counted, _count
+    now = time.monotonic()
+    if _live is not None and now - _counted > COUNT:
+        _counted = now
+        if _count != len(bpy.data.objects):
+            _live = None
+    if _live is not None:
         try:
             return [it for it in _live if it.maquette.graph]
         except ReferenceError:
-            # One was deleted, and another object was made.
+            # One was deleted.
             pass
-    _live, _counted = [it for it in bpy.data.objects if it.maquette.graph], len(bpy.data.objects)
+    _live, _counted, _count = [it for it in bpy.data.objects if it.maquette.graph], now, len(bpy.data.objects)
     return list(_live)
 
 
-def _forget() -> None:
+def forget() -> None:
     """Live objects are searched for anew."""
     global _live
     _live = None
@@ -592,7 +600,7 @@ def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
             if update.is_updated_transform:
                 moved.add(original.name_full)
             if isinstance(original, bpy.types.Object) and original.maquette.graph and original not in everything():
-                _forget()
+                forget()
     if not changed:
         return
     for owner in objects():
@@ -618,14 +626,14 @@ def framed(depsgraph: bpy.types.Depsgraph) -> None:
 @persistent
 def _undone(*_given: Any) -> None:
     """Meshes may be what they were: what is shown is asked for again."""
-    _forget()
+    forget()
     for it in states.values():
         it.answered, it.undone = None, True
 
 
 @persistent
 def _opened(*_given: Any) -> None:
-    _forget()
+    forget()
     for it in states.values():
         _cancel(it)
     states.clear()
@@ -650,7 +658,7 @@ def unregister() -> None:
     """Unregisters them; objects keep what they have."""
     engine.ticks.remove(tick)
     engine.replaced.remove(restarted)
-    _forget()
+    forget()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     states.clear()

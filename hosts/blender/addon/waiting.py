@@ -23,6 +23,7 @@ def update(timeout: float | None = None) -> None:
 
     `RuntimeError` says which objects cannot, and why; `TimeoutError` that `timeout` seconds were not enough. The objects keep their last meshes.
     """
+    live.forget()
     for owner in live.objects():
         live.state(owner).frame = None
     bpy.context.view_layer.update()
@@ -124,6 +125,8 @@ class each_frame:
 
 @persistent
 def _framed(_scene: Any, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    if bpy.app.background and not evaluated.is_at_work:
+        live.forget()
     if depsgraph is None or evaluated.is_at_work or not live.objects():
         return
     if not (bpy.app.background or engine.is_rendering or _waits):
