@@ -1,15 +1,18 @@
 """maquette in Blender.
 
 What is registered is in `MODULES`, and nowhere else; each has `register` and `unregister`. Imports are relative: Blender calls the package
-`bl_ext.user_default.maquette`, and a script that has it from its folder calls it `addon`.
+`bl_ext.user_default.maquette`, and a script that has it from its folder calls it `addon`. Scripts call its function `update`.
 """
 
 from __future__ import annotations
 
-from . import engine, live, nodes, preferences, tree, tree_ui, ui
+from . import engine, frames, live, nodes, paths, preferences, tree, tree_ui, ui, waiting
+from .waiting import update
+
+__all__ = ["update"]
 
 # Each may use what those above it have registered.
-MODULES = (preferences, engine, live, nodes, tree, ui, tree_ui)
+MODULES = (preferences, engine, live, waiting, nodes, tree, paths, ui, frames, tree_ui)
 
 
 def register() -> None:

@@ -6,10 +6,12 @@ import importlib.util
 import os
 import pathlib
 import sys
+import threading
 from typing import Callable
 
 import bpy
 
+from . import exchange
 from .client import Client
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -25,6 +27,18 @@ ticks: list[Callable[[], None]] = []
 
 _client: Client | None = None
 
+# Whoever polls holds this: a render has its own thread, and waits in it.
+alone = threading.RLock()
+
+# True while a render is at work: what it shows is not changed by the timer.
+is_rendering = False
+
+# True if the engine's folder was found full: its data is on disk from then on.
+_is_full = False
+
+# Called when an engine was replaced. Modules put their own in as they are registered.
+replaced: list[Callable[[], None]] = []
+
 
 def roots() -> list[str]:
     """The folders outside of their projects that graphs may read."""
@@ -37,10 +51,26 @@ def command() -> list[str]:
     addon = bpy.context.preferences.addons.get(__package__)
     program = (addon.preferences.program if addon else "") or os.environ.get("MAQUETTE", "")
     if program:
-        return [bpy.path.abspath(program), "serve", "--stdio"]
+        return [bpy.path.abspath(program), "serve", "--stdio", *_folder()]
     found = importlib.util.find_spec("maquette")
     folder = pathlib.Path(found.origin).parents[1] if found and found.origin else HERE
-    return [sys.executable, "-I", str(HERE / "worker.py"), str(folder), "serve", "--stdio"]
+    return [sys.executable, "-I", str(HERE / "worker.py"), str(folder), "serve", "--stdio", *_folder()]
+
+
+def _folder() -> list[str]:
+    """Where the engine puts its data, if not where it does by itself."""
+    return [] if exchange.has_room() and not _is_full else ["--folder", bpy.app.tempdir]
+
+
+def go_to_disk() -> bool:
+    """Begins with a new engine whose data is on disk, because there is no room for it in memory. False if it is there already."""
+    global _is_full
+    folder = client().folder
+    if folder is None or folder.parent == pathlib.Path(bpy.app.tempdir):
+        return False
+    _is_full = True
+    restart()
+    return True
 
 
 def client() -> Client:
@@ -63,20 +93,28 @@ def restart() -> None:
         _client.stop()
     _client = None
     client()
+    for its in replaced:
+        its()
 
 
 def poll() -> None:
-    """One look: takes what has come, and lets everyone go on."""
-    if _client:
-        _client.poll()
-    for tick in ticks:
-        tick()
+    """One look: takes what has come, and lets everyone go on; nothing while another thread does."""
+    if not alone.acquire(blocking=False):
+        return
+    try:
+        if _client:
+            _client.poll()
+        for tick in ticks:
+            tick()
+    finally:
+        alone.release()
 
 
 def _timer() -> float:
     # A timer that raises is called no more.
     try:
-        poll()
+        if not is_rendering:
+            poll()
     except Exception as error:  # noqa: BLE001
         print(f"maquette: {type(error).__name__}: {error}", file=sys.stderr)
     return BUSY if _client and _client.busy else IDLE
@@ -89,9 +127,10 @@ def register() -> None:
 
 def unregister() -> None:
     """Ends the engine."""
-    global _client
+    global _client, _is_full
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     if _client:
         _client.stop()
     _client = None
+    _is_full = False

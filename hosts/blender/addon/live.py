@@ -1,14 +1,12 @@
 """Live objects: a graph, values for its parameters and objects at its inputs, and the mesh that comes of them.
 
 What an object has of its graph is in its properties, and so in the file and in its undo steps; what goes on meanwhile is in `states`, and
-can be lost at any time. Values are kept as RON; a value that nobody touched is not kept, and follows the graph's default. Widgets are custom
-properties, which hold numbers exactly, and are compared with the kept values tick by tick, because nothing tells of their changes.
+can be lost at any time. `values` has its values and widgets, `evaluated` the objects at its inputs.
 """
 
 from __future__ import annotations
 
 import array
-import json
 import math
 import pathlib
 import time
@@ -18,11 +16,9 @@ import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix
 
-from . import apply, engine, panel
+from . import apply, engine, evaluated, exchange, panel, values
 from .client import Answer
-
-# Custom properties of widgets begin with this.
-WIDGET = "maquette "
+from .values import WIDGET
 
 # What a mesh remembers of the value that it was made of: its hash.
 SHOWN = "maquette_shown"
@@ -54,16 +50,24 @@ def _outputs(its: Any, _context: Any, text: str) -> list[str]:
     return [name for name in dict.fromkeys(found) if text.lower() in name.lower()]
 
 
+def _changed(_its: Any, _context: Any) -> None:
+    """An object became live, or is no longer."""
+    forget()
+
+
 class MaquetteObject(bpy.types.PropertyGroup):
     """What an object has of its graph."""
 
     graph: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
+        name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE, update=_changed
     )
+    folder: bpy.props.StringProperty(description="The folder that `//` at the beginning of the graph's path stands for")  # type: ignore[valid-type]
+    beside: bpy.props.StringProperty(description="The graph's path from the folder of the file, when that was saved")  # type: ignore[valid-type]
     output: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Output", description="What of the graph is shown: an output or a node", search=_outputs, search_options={"SUGGESTION"}
     )
     values: bpy.props.StringProperty(description="JSON: values as RON by their parameters' names")  # type: ignore[valid-type]
+    widgets: bpy.props.StringProperty(description="JSON: what the widgets were last given, by their parameters' names")  # type: ignore[valid-type]
     inputs: bpy.props.CollectionProperty(type=MaquetteInput)  # type: ignore[valid-type]
     shown: bpy.props.StringProperty(description="The hash of the value that the mesh shows")  # type: ignore[valid-type]
     axes: bpy.props.StringProperty(description="How the value that the mesh shows lies: a key of AXES")  # type: ignore[valid-type]
@@ -77,8 +81,15 @@ class State:
         self.loaded: Answer | None = None
         self.read: Any = None
         self.controls: list[panel.Control] = []
+        # The values that the widgets show.
+        self.arranged: str | None = None
+        # The values that an animation or a driver gives in the current frame, where the object itself does not have them: it is hidden, or the
+        # frame is that of a render. None before they were read.
+        self.frame: dict[str, str] | None = None
         self.stamps: dict[str, float | None] = {}
         self.loading = False
+        # Why the graph could not be read.
+        self.unread = ""
         # The run that is under way: its request, since when, and what it is of.
         self.run: int | None = None
         self.since = 0.0
@@ -104,6 +115,13 @@ class State:
 states: dict[int, State] = {}
 _looked = 0.0
 
+# The live objects, linked ones too; None if they are to be searched for. And when all objects were last counted, and their number.
+_live: list[bpy.types.Object] | None = None
+_counted, _count = 0.0, 0
+
+# Seconds between two counts: Blender tells of most new objects, and to count thousands takes milliseconds.
+COUNT = 1.0
+
 
 def key(owner: bpy.types.Object) -> int:
     """What an object is known by while it lives, undo included."""
@@ -117,21 +135,36 @@ def state(owner: bpy.types.Object) -> State:
 
 def objects() -> list[bpy.types.Object]:
     """All live objects but those of other files: these show what was computed there."""
-    return [it for it in bpy.data.objects if it.maquette.graph and not it.library and not it.override_library]
+    return [it for it in everything() if not it.library and not it.override_library]
 
 
-def values(owner: bpy.types.Object) -> dict[str, str]:
-    """The values that were set, as RON."""
-    try:
-        found = json.loads(owner.maquette.values or "{}")
-    except ValueError:
-        return {}
-    return {str(name): str(text) for name, text in found.items()} if isinstance(found, dict) else {}
+def everything() -> list[bpy.types.Object]:
+    """All live objects, those of other files too. A scene may have thousands of others, at which a look does not look."""
+    global _live, _counted, _count
+    now = time.monotonic()
+    if _live is not None and now - _counted > COUNT:
+        _counted = now
+        if _count != len(bpy.data.objects):
+            _live = None
+    if _live is not None:
+        try:
+            return [it for it in _live if it.maquette.graph]
+        except ReferenceError:
+            # One was deleted.
+            pass
+    _live, _counted, _count = [it for it in bpy.data.objects if it.maquette.graph], now, len(bpy.data.objects)
+    return list(_live)
+
+
+def forget() -> None:
+    """Live objects are searched for anew."""
+    global _live
+    _live = None
 
 
 def graph_path(owner: bpy.types.Object) -> str:
     """The graph's file."""
-    return bpy.path.abspath(owner.maquette.graph)
+    return bpy.path.abspath(owner.maquette.graph, library=owner.library)
 
 
 def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
@@ -159,6 +192,7 @@ def restarted() -> None:
     """There is a new engine, which knows nothing; what users have touched meanwhile is not lost."""
     for it in states.values():
         it.loaded, it.loading, it.run, it.answered, it.inputs, it.message = None, False, None, None, {}, ""
+        it.sending.clear()
 
 
 def cancel(owner: bpy.types.Object) -> None:
@@ -184,7 +218,7 @@ def tick() -> None:
         _cancel(states[uid])
     for owner in owners:
         it = state(owner)
-        _touched(owner, it)
+        values.take(owner, it.controls)
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False
             continue
@@ -194,18 +228,35 @@ def tick() -> None:
         if it.loaded is None:
             _load(owner, it)
             continue
-        if it.undone:
+        if it.undone or it.arranged != owner.maquette.values:
             # The step may have been taken before the graph was read: then the object lacks its widgets, inputs and output.
             it.undone = False
             if it.loaded["ok"]:
                 _arrange(owner, it)
+        if it.frame is None:
+            it.frame = {}
+            if owner.animation_data and it.loaded["ok"]:
+                widgets = [WIDGET + control.name for control in it.controls if isinstance(values.plain(owner.get(WIDGET + control.name)), (float, int, list))]
+                with evaluated.of(owner, widgets) as its:
+                    it.frame = values.evaluated(owner, its, it.controls)
         _run(owner, it)
 
 
 def wanted(owner: bpy.types.Object) -> tuple[Any, ...]:
     """All that says what an object shows."""
-    its = owner.maquette
-    return (graph_path(owner), its.values, its.output, tuple(sorted(state(owner).inputs.items())))
+    its, it = owner.maquette, state(owner)
+    return (graph_path(owner), its.values, its.output, tuple(sorted(it.inputs.items())), tuple(sorted((it.frame or {}).items())))
+
+
+def is_answered(owner: bpy.types.Object) -> bool:
+    """Returns true if what was last answered is what the object is to show now."""
+    return state(owner).answered == (*wanted(owner), key(owner.data) if owner.data else None)
+
+
+def look_now() -> None:
+    """The next tick looks at files."""
+    global _looked
+    _looked = 0.0
 
 
 def hindrance(owner: bpy.types.Object) -> str:
@@ -246,8 +297,9 @@ def _load(owner: bpy.types.Object, it: State) -> None:
             return
         owner = found(uid)
         if owner is None or not answer.ok:
-            it.message = answer.why
+            it.message = it.unread = answer.why
             return
+        it.unread = ""
         it.loaded, it.message, it.problems, it.answered = answer, "", answer.problems, None
         it.stamps = {name: stamp(name) for name in [*answer.get("files", ()), *answer.get("graphs", ())]}
         it.stamps[path] = before
@@ -261,23 +313,15 @@ def _load(owner: bpy.types.Object, it: State) -> None:
 
 def found(uid: int) -> bpy.types.Object | None:
     """The object again: what was held over an undo may be gone."""
-    return next((owner for owner in bpy.data.objects if key(owner) == uid), None)
+    return next((owner for owner in everything() if key(owner) == uid), None)
 
 
 def _arrange(owner: bpy.types.Object, it: State) -> None:
     """Makes widgets for the controls, and places for the inputs."""
-    known = values(owner)
-    for control in it.controls:
-        name = WIDGET + control.name
-        value = _widget_value(control, known.get(control.name))
-        if value is None:
-            continue
-        if name not in owner.keys() or _kind(owner[name]) is not type(value) or not panel.is_same(control, owner[name], value):
-            owner[name] = value
-        shape: dict[str, Any] = control.limits() if control.kind in ("number", "integer") else {}
-        if isinstance(value, list):
-            shape = {"subtype": "COLOR_GAMMA", "min": 0.0, "max": 1.0, "soft_min": 0.0, "soft_max": 1.0}
-        owner.id_properties_ui(name).update(description=control.doc, **shape)
+    # What was touched before there was a widget is not lost.
+    values.take(owner, it.controls)
+    values.put(owner, it.controls)
+    it.arranged = owner.maquette.values
     wanted = [its["name"] for its in it.loaded["inputs"]] if it.loaded else []
     for name in wanted:
         if name not in owner.maquette.inputs:
@@ -287,37 +331,6 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
     if outputs and not is_known:
         drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "ControlNet", "Points")]
         owner.maquette.output = (drawn or outputs)[0]
-
-
-def _widget_value(control: panel.Control, text: str | None) -> Any:
-    try:
-        value = panel.shown(control, text)
-    except ValueError:
-        value = panel.shown(control, None)
-    if value is None:
-        return None
-    if control.kind == "color":
-        return panel.rgb(value) or value
-    return float(value) if control.kind == "number" else value
-
-
-def _kind(value: Any) -> type:
-    return list if hasattr(value, "to_list") else type(value)
-
-
-def _touched(owner: bpy.types.Object, it: State) -> None:
-    """Keeps the values of widgets that a user has touched, and of no others."""
-    known = values(owner)
-    changed = False
-    for control in it.controls:
-        value = owner.get(WIDGET + control.name)
-        said = None if value is None else panel.said(control, value)
-        if said is None or panel.is_same(control, value, _widget_value(control, known.get(control.name))):
-            continue
-        known[control.name] = said
-        changed = True
-    if changed:
-        owner.maquette.values = json.dumps(known)
 
 
 def _run(owner: bpy.types.Object, it: State) -> None:
@@ -330,6 +343,9 @@ def _run(owner: bpy.types.Object, it: State) -> None:
         name = its["name"]
         if name in given and (name in it.stale or it.sent.get(name) != key(given[name])):
             _send_input(owner, it, name, its["type"], given[name])
+    if it.loaded is None:
+        # The engine was replaced.
+        return
     lacking = [its["name"] for its in it.loaded["inputs"] if its["name"] not in it.inputs]
     if lacking:
         it.answered = None
@@ -354,7 +370,7 @@ def _run(owner: bpy.types.Object, it: State) -> None:
         lambda event: _told(it, event),
         graph=now[0],
         roots=engine.roots(),
-        set=values(owner),
+        set={name: text for name, text in values.kept(owner).items() if values.is_known(name, it.loaded)} | (it.frame or {}),
         inputs=it.inputs,
         want=[{"value": owner.maquette.output, "as": "mesh"}],
         slot=str(uid),
@@ -373,7 +389,7 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
         return
     if answer.get("cancelled"):
         # By a later value, which comes with the next tick, or by the user.
-        it.answered = it.asked
+        it.answered, it.message = it.asked, "behind: the run was cancelled, and the mesh does not show these values; press Reload to compute them"
         return
     it.answered = it.asked
     it.problems = answer.problems
@@ -386,8 +402,12 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     if hindrance(owner):
         it.answered = None
         return
-    if any(other != owner and other.data == owner.data and wanted(other) != wanted(owner) for other in objects()):
-        # A linked duplicate goes on to show what it shows.
+    if told.get("why") and exchange.is_unwritten(told["why"], engine.client().folder):
+        _no_room(it, told["why"])
+        return
+    is_shared = any(other != owner and other.data == owner.data and wanted(other) != wanted(owner) for other in objects())
+    if is_shared or owner.data.library or owner.data.override_library:
+        # A linked duplicate goes on to show what it shows, and so does the file that the mesh is from.
         owner.data = owner.data.copy()
         it.answered = (*it.answered[:-1], key(owner.data))
     if "columns" not in told:
@@ -402,6 +422,13 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
         it.answered = None
 
 
+def _no_room(it: State, why: str) -> None:
+    """The last mesh stays. Without room in memory the engine's data is on disk from then on."""
+    if engine.go_to_disk():
+        return
+    it.message = f"there is no room for the result, and the mesh stays as it was: {why}; free space, and press Reload"
+
+
 def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     """Puts a value into the object's mesh, if it is not there."""
     folder = engine.client().folder
@@ -413,10 +440,16 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
         owner.data[SHOWN] = told["hash"]
     turn = AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0)
     if turn:
-        owner.matrix_world = owner.matrix_world @ Matrix.Rotation(turn, 4, "X")
+        # Not its matrix in the world: that is not evaluated yet where a script has placed the object a moment ago.
+        owner.matrix_basis = owner.matrix_basis @ Matrix.Rotation(turn, 4, "X")
+        if not evaluated.is_frame():
+            bpy.context.view_layer.update()
         owner.maquette.axes = told["axes"]
         _placed(owner)
     owner.maquette.shown = told["hash"]
+    for other in objects():
+        # Nothing tells of a hidden one.
+        state(other).stale |= {its.name for its in other.maquette.inputs if its.object == owner and other != owner}
 
 
 def _placed(owner: bpy.types.Object) -> None:
@@ -438,6 +471,10 @@ def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given:
             given_as = _given(owner, f"in-{key(owner)}-{name}-", kind, given)
         except ValueError as error:
             why = f"{given.name} {error}"
+        except OSError as error:
+            if engine.go_to_disk():
+                return
+            why = f"there is no room for {given.name}: {error}; free space, and press Reload"
     if why:
         it.inputs.pop(name, None)
         it.unfit[name] = f"{name}: {why}"
@@ -473,17 +510,22 @@ def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
 
 def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> dict[str, Any]:
     """Puts the numbers of an object's mesh into files and describes them; `ValueError` says what it is not."""
+    with evaluated.of(given) as its:
+        return _columns(its, evaluated.place(owner), start, kind)
+
+
+def _columns(given: bpy.types.Object, owner_place: Matrix, start: str, kind: str) -> dict[str, Any]:
+    """Puts the numbers of an evaluated object's mesh into files and describes them."""
     folder = engine.client().folder
-    evaluated = given.evaluated_get(bpy.context.evaluated_depsgraph_get())
     try:
-        mesh = evaluated.to_mesh()
+        mesh = given.to_mesh()
     except RuntimeError:
         # A light, a camera.
         mesh = None
     if mesh is None or folder is None:
         raise ValueError("has no mesh")
     try:
-        place = owner.matrix_world.inverted_safe() @ given.matrix_world
+        place = owner_place.inverted_safe() @ given.matrix_world
         mesh.transform(place)
         if place.determinant() < 0:
             # What is mirrored has its outside where it was.
@@ -499,7 +541,7 @@ def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Obje
                 if crease > 0:
                     creases.extend([*ends[2 * place : 2 * place + 2], apply.NEVER_SOFT * crease * crease])
     finally:
-        evaluated.to_mesh_clear()
+        given.to_mesh_clear()
     facts: dict[str, Any] = {}
     if kind == "Curve":
         order, facts["closed"] = _chain(list(zip(ends[::2], ends[1::2])), len(places) // 3)
@@ -546,8 +588,19 @@ def _chain(edges: list[tuple[int, int]], count: int) -> tuple[list[int], bool]:
 @persistent
 def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
     """Objects at inputs were changed, or live objects moved."""
-    moved = {update.id.original.name_full for update in depsgraph.updates if update.is_updated_transform}
-    changed = moved | {update.id.original.name_full for update in depsgraph.updates if update.is_updated_geometry}
+    if evaluated.is_at_work:
+        return
+    found = depsgraph.updates if everything() or depsgraph.id_type_updated("OBJECT") else ()
+    moved: set[str] = set()
+    changed: set[str] = set()
+    for update in found:
+        if update.is_updated_transform or update.is_updated_geometry:
+            original = update.id.original
+            changed.add(original.name_full)
+            if update.is_updated_transform:
+                moved.add(original.name_full)
+            if isinstance(original, bpy.types.Object) and original.maquette.graph and original not in everything():
+                forget()
     if not changed:
         return
     for owner in objects():
@@ -558,15 +611,29 @@ def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
                 state(owner).stale.add(its.name)
 
 
+def framed(depsgraph: bpy.types.Depsgraph) -> None:
+    """There is another frame: what it says of objects at inputs and of values is asked for anew."""
+    _moved(None, depsgraph)
+    for owner in objects():
+        it = state(owner)
+        it.frame = None
+        if evaluated.is_frame():
+            # A render has its objects to itself: those of the scene may lie elsewhere.
+            _placed(owner)
+        it.stale |= {its.name for its in owner.maquette.inputs if its.object and not evaluated.is_seen(its.object, depsgraph)}
+
+
 @persistent
 def _undone(*_given: Any) -> None:
     """Meshes may be what they were: what is shown is asked for again."""
+    forget()
     for it in states.values():
         it.answered, it.undone = None, True
 
 
 @persistent
 def _opened(*_given: Any) -> None:
+    forget()
     for it in states.values():
         _cancel(it)
     states.clear()
@@ -584,11 +651,14 @@ def register() -> None:
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     engine.ticks.append(tick)
+    engine.replaced.append(restarted)
 
 
 def unregister() -> None:
     """Unregisters them; objects keep what they have."""
     engine.ticks.remove(tick)
+    engine.replaced.remove(restarted)
+    forget()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     states.clear()

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import colorsys
 import hashlib
+import json
 import textwrap
 from typing import Any, Callable
 
 import bpy
 
-from . import engine, panel
+from . import compound, engine, panel
 
 # Custom properties of fields begin with this.
 FIELD = "field "
+
+# And those of the parts of a field, behind its name; the text that they were made of has no part's name.
+PART = "part "
 
 # Blender cuts names of nodes, and refuses names of classes that are longer, in bytes.
 LONGEST = 63
@@ -26,6 +30,8 @@ _made: dict[str, type] = {}
 # The types of nodes: those of the catalog by their names, graphs that are used by their files.
 kinds: dict[str, dict[str, Any]] = {}
 _controls: dict[str, dict[str, panel.Control]] = {}
+# The fields with parts of each type.
+_compounds: dict[str, dict[str, compound.Variants]] = {}
 
 # Called with a tree in which something may have been changed.
 heard: list[Callable[[Any], None]] = []
@@ -41,6 +47,8 @@ class MaquetteTree(bpy.types.NodeTree):
     maquette_graph: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
     )
+    maquette_folder: bpy.props.StringProperty(description="The folder that `//` at the beginning of the graph's path stands for")  # type: ignore[valid-type]
+    maquette_beside: bpy.props.StringProperty(description="The graph's path from the folder of the file, when that was saved")  # type: ignore[valid-type]
     maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
     maquette_changes: bpy.props.IntProperty(description="The number of others' changes that the text has")  # type: ignore[valid-type]
 
@@ -112,6 +120,8 @@ class NodeBase:
             # A label is one line, and cut where the node ends.
             for place, line in enumerate(textwrap.wrap(self.maquette_problem, 28)):
                 column.label(text=line, icon="BLANK1" if place else "ERROR")
+        if self.mute:
+            layout.label(text=MUTED, icon="INFO")
         if self.maquette_graph:
             layout.operator("maquette.open_used", icon="NODETREE").graph = self.maquette_graph
         for field in self.maquette_written.split():
@@ -122,12 +132,28 @@ class NodeBase:
         kind = kinds.get(kind_of(self))
         if kind:
             layout.label(text=kind["doc"].split("\n")[0])
+        if self.maquette_name:
+            layout.operator("maquette.show_node", icon="HIDE_OFF").node = self.maquette_name
         for name in [it for it in self.keys() if it.startswith(FIELD)]:
             _draw(self, layout, name[len(FIELD) :])
+            if _known(self, name[len(FIELD) :]):
+                # As text, too: it may be `Param(..)`.
+                layout.prop(self, f'["{name}"]', text="")
+
+
+# Graphs say which nodes there are, and nothing else.
+MUTED = "muted here only: a graph has no muted nodes"
 
 
 def _draw(node: bpy.types.Node, layout: Any, field: str) -> None:
     if FIELD + field not in node.keys():
+        return
+    if _has_parts(node, field):
+        column = layout.column(align=True)
+        column.prop(node, _choice(field), text=field)
+        start = f"{PART}{field} "
+        for name in [it for it in node.keys() if it.startswith(start)]:
+            column.prop(node, f'["{name}"]', text=name[len(start) :] or field)
         return
     control = controls(kind_of(node)).get(field)
     if control and control.kind == "choice" and node[FIELD + field] in control.choices and hasattr(node, _choice(field)):
@@ -135,6 +161,31 @@ def _draw(node: bpy.types.Node, layout: Any, field: str) -> None:
         return
     is_slider = control is not None and control.is_ranged and not isinstance(node[FIELD + field], str)
     layout.prop(node, f'["{FIELD}{field}"]', text=field, slider=is_slider)
+
+
+class PackMenu:
+    """The nodes of a pack."""
+
+    def draw(self, _context: Any) -> None:
+        """Draws an entry for each; who types in the menu finds them by the words of other programs, too."""
+        for it in of_pack(self.maquette_pack):
+            made = self.layout.operator("node.add_node", text=entry(it))
+            made.type, made.use_transform = class_of(it["name"]), True
+
+
+def menu_of(pack: str) -> str:
+    """The name of the menu of a pack."""
+    return f"MAQUETTE_MT_pack_{pack.replace('-', '_')}"
+
+
+# Before the words of other programs, at the end of what the catalog says of a node.
+OTHERS = "In other programs: "
+
+
+def entry(kind: dict[str, Any]) -> str:
+    """What the menu says of a type: its name, and what other programs call it."""
+    last = kind["doc"].rstrip().split("\n")[-1]
+    return f"{kind['name']} ({last.removeprefix(OTHERS).rstrip('.')})" if last.startswith(OTHERS) else str(kind["name"])
 
 
 class MaquetteNodeOther(NodeBase, bpy.types.Node):
@@ -193,6 +244,7 @@ def learn(told: list[dict[str, Any]], by: str) -> None:
         if kinds.get(it[by]) != it:
             kinds[it[by]] = it
             _controls[it[by]] = {control.name: control for control in panel.controls(it["parameters"])}
+            _compounds[it[by]] = compound.variants(it["parameters"])
 
 
 def classes(nodes: list[dict[str, Any]]) -> None:
@@ -204,8 +256,11 @@ def classes(nodes: list[dict[str, Any]]) -> None:
         wanted.append((idname("MaquetteSocket", kind), (SocketBase, bpy.types.NodeSocket), {"bl_label": kind}))
     for it in nodes:
         choices = {_choice(name): _enum(control) for name, control in controls(it["name"]).items() if control.kind == "choice"}
+        choices |= {_choice(name): _words(name, known) for name, known in _compounds[it["name"]].items()}
         own = {"bl_label": it["name"], "maquette_type": it["name"], "__doc__": it["doc"] or it["name"], "__annotations__": choices}
         wanted.append((idname("MaquetteNode", it["name"]), (NodeBase, bpy.types.Node), own))
+    for pack in packs():
+        wanted.append((menu_of(pack), (PackMenu, bpy.types.Menu), {"bl_label": pack.capitalize(), "maquette_pack": pack}))
     for name, bases, fields in wanted:
         if name not in _made:
             made = type(name, bases, {"bl_idname": name, "__module__": __name__, **fields})
@@ -230,6 +285,107 @@ def _enum(control: panel.Control) -> Any:
 
     items = [(it, it, "") for it in control.choices]
     return bpy.props.EnumProperty(name=control.name, description=control.doc, items=items, get=get, set=put)
+
+
+def _words(field: str, known: compound.Variants) -> Any:
+    """A menu of the words of a field with parts; the field itself is a custom property."""
+    words = list(known)
+
+    def get(node: Any) -> int:
+        try:
+            return words.index(compound.parse(_whole(node, field), known)[0])
+        except ValueError:
+            return 0
+
+    def put(node: Any, index: int) -> None:
+        try:
+            word, parts = compound.parse(field_text(node, field), known)
+        except ValueError:
+            word, parts = "", {}
+        if word != words[index]:
+            node[FIELD + field] = compound.begin(words[index], parts, known)
+            _put_parts(node, field)
+
+    return bpy.props.EnumProperty(name=field, items=[(it, it, "") for it in words], get=get, set=put)
+
+
+def _known(node: bpy.types.Node, field: str) -> compound.Variants:
+    return _compounds.get(kind_of(node), {}).get(field, {})
+
+
+def _has_parts(node: bpy.types.Node, field: str) -> bool:
+    """Whether the widgets of the parts of a field can show its text."""
+    try:
+        compound.parse(str(node.get(f"{PART}{field}", "")), _known(node, field))
+    except ValueError:
+        return False
+    return True
+
+
+def _whole(node: bpy.types.Node, field: str) -> str:
+    """The text of a field with parts, or that of its default."""
+    control = controls(kind_of(node)).get(field)
+    return str(node.get(FIELD + field, "")) or compound.default_of(control.default if control else None, _known(node, field))
+
+
+def _put_parts(node: bpy.types.Node, field: str) -> None:
+    """Makes the widgets of the parts of a field; none if its text has no parts that can be shown."""
+    start = f"{PART}{field} "
+    known, text = _known(node, field), _whole(node, field)
+    found: dict[str, Any] = {}
+    try:
+        word, parts = compound.parse(text, known)
+    except ValueError:
+        word, parts = "", {}
+    for control in known.get(word, ()):
+        if control.kind == "color" or not compound.can_show(control, parts.get(control.name, "")) and control.name in parts:
+            value = _part_color(parts.get(control.name)) if control.kind == "color" else None
+        else:
+            value = _value(control, parts.get(control.name))
+        if value is None or value == "" and control.kind not in ("text", "file"):
+            continue
+        found[start + control.name] = value
+        node[start + control.name] = value
+        if control.kind == "color":
+            node.id_properties_ui(start + control.name).update(subtype="COLOR_GAMMA", min=0.0, max=1.0, soft_min=0.0, soft_max=1.0)
+        else:
+            _tell(node, start + control.name, control, value)
+    for gone in [it for it in node.keys() if it.startswith(start) and it not in found]:
+        del node[gone]
+    node[f"{PART}{field}"] = text
+
+
+def _part_color(text: str | None) -> list[float] | None:
+    try:
+        return panel.rgb(json.loads(text or '""'))
+    except ValueError:
+        return None
+
+
+def field_text(node: bpy.types.Node, field: str) -> str:
+    """The text of a field with parts, with those that a user has changed."""
+    text = str(node.get(FIELD + field, ""))
+    known, made_of = _known(node, field), node.get(f"{PART}{field}")
+    if made_of != _whole(node, field) or not _has_parts(node, field):
+        # The user wrote the text itself.
+        return text
+    word, parts = compound.parse(made_of, known)
+    changed = set()
+    for control in known[word]:
+        value = node.get(f"{PART}{field} {control.name}")
+        if value is None:
+            continue
+        was = _part_color(parts.get(control.name)) if control.kind == "color" else _value(control, parts.get(control.name))
+        if _is_same(control, value, was):
+            continue
+        said = panel.said(control, value)
+        if said is not None:
+            parts[control.name] = said
+            changed.add(control.name)
+    if not text:
+        # It was the default, which is written only as far as it must be.
+        parts = {it.name: parts[it.name] for it in known[word] if it.name in changed or it.is_required and it.name in parts}
+    return compound.compose(word, parts, known) if changed else text
 
 
 def packs() -> list[str]:
@@ -269,7 +425,12 @@ def begin(node: bpy.types.Node, kind: dict[str, Any], graph: str = "") -> None:
     for output in kind["outputs"]:
         socket(node.outputs, output["types"], output["name"], output["name"])
     # Of words the first one, so that there is something to see and to change.
-    put_fields(node, {it.name: it.choices[0] if it.choices else "" for it in needed(node)})
+    put_fields(node, {it.name: it.choices[0] if it.choices else _first(node, it.name) for it in needed(node)})
+
+
+def _first(node: bpy.types.Node, field: str) -> str:
+    known = _known(node, field)
+    return compound.begin(next(iter(known)), {}, known) if known else ""
 
 
 def needed(node: bpy.types.Node) -> list[panel.Control]:
@@ -287,10 +448,13 @@ def put_fields(node: bpy.types.Node, written: dict[str, str]) -> None:
     now = fields(node, written)
     for field in (*written, *(it for it in own if it not in written)):
         name, control, text = FIELD + field, own.get(field), written.get(field)
-        if name in have and now.get(field) == text and not node.maquette_graph:
+        is_whole = not _known(node, field) or (node.get(name) == (text or "") and node.get(f"{PART}{field}") == _whole(node, field))
+        if name in have and now.get(field) == text and is_whole and not node.maquette_graph:
             continue
         value = _value(control, text)
         node[name] = value
+        if _known(node, field):
+            _put_parts(node, field)
         if control:
             _tell(node, name, control, value)
     shown = " ".join(written)
@@ -306,12 +470,20 @@ def _value(control: panel.Control | None, text: str | None) -> Any:
         value = panel.shown(control, text)
     except ValueError:
         return text or ""
+    if control.kind == "vector" and value is not None:
+        return [int(it) if control.is_whole else float(it) for it in value]
     return "" if value is None else float(value) if control.kind == "number" else value
 
 
 def _tell(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -> None:
     """Gives a field the range and the words of its control."""
     shape: dict[str, Any] = {} if isinstance(value, (str, bool)) else control.limits()
+    default = _value(control, None)
+    if type(default) is type(value) and default != "":
+        # Backspace goes back to it.
+        shape["default"] = default
+    if isinstance(value, list) and not control.is_whole:
+        shape["subtype"] = "XYZ"
     if control.kind == "file":
         shape["subtype"] = "FILE_PATH"
     node.id_properties_ui(name).update(description=control.doc, **shape)
@@ -326,6 +498,8 @@ def fields(node: bpy.types.Node, written: dict[str, str]) -> dict[str, str]:
             continue
         field = name[len(FIELD) :]
         text = written.get(field)
+        if _known(node, field):
+            value = field_text(node, field)
         control = own.get(field)
         said = panel.said(control, value) if control else None
         is_ron = isinstance(value, str) and (control is None or control.kind not in ("file", "text") or _is_ron(control, text))
@@ -349,8 +523,10 @@ def _is_ron(control: panel.Control, text: str | None) -> bool:
 
 
 def _is_same(control: panel.Control | None, value: Any, known: Any) -> bool:
-    if isinstance(value, str) or isinstance(known, str) or control is None:
+    if isinstance(value, str) or isinstance(known, str) or control is None or known is None:
         return bool(value == known)
+    if control.kind == "color":
+        return panel.hexadecimal(value) == panel.hexadecimal(known)
     return panel.is_same(control, value, known)
 
 
@@ -381,3 +557,4 @@ def unregister() -> None:
     _made.clear()
     kinds.clear()
     _controls.clear()
+    _compounds.clear()

@@ -14,7 +14,7 @@ class Control:
     """A parameter of a graph."""
 
     name: str
-    # `number`, `integer`, `flag`, `choice`, `color`, `file`, `text`; all others are `ron`: a text of RON.
+    # `number`, `integer`, `flag`, `choice`, `color`, `vector`, `file`, `text`; all others are `ron`: a text of RON.
     kind: str
     default: Any
     doc: str = ""
@@ -24,6 +24,10 @@ class Control:
     choices: tuple[str, ...] = ()
     # What drafts have instead, as JSON; empty if they have the same.
     draft: str = ""
+    # The number of components of a vector, and whether they are integers.
+    width: int = 0
+    is_whole: bool = False
+    is_required: bool = False
 
     @property
     def title(self) -> str:
@@ -39,7 +43,7 @@ class Control:
 
     def limits(self) -> dict[str, float]:
         """Its range, as widgets of Blender have it."""
-        kind = int if self.kind == "integer" else float
+        kind = int if self.kind == "integer" or self.is_whole else float
         ends = {"min": self.low, "max": self.high}
         return {f"{soft}{end}": kind(it) for end, it in ends.items() if it is not None for soft in ("", "soft_")}
 
@@ -51,6 +55,8 @@ def controls(schema: dict[str, Any]) -> list[Control]:
         if "port" in field:
             continue
         choices = _choices(field, schema)
+        # Each number of a vector may have the range.
+        ranged = field if "minimum" in field or "maximum" in field else _items(field)[0]
         found.append(
             Control(
                 name,
@@ -58,10 +64,12 @@ def controls(schema: dict[str, Any]) -> list[Control]:
                 field.get("default"),
                 field.get("description", ""),
                 field.get("unit", ""),
-                field.get("minimum"),
-                field.get("maximum"),
+                ranged.get("minimum"),
+                ranged.get("maximum"),
                 choices,
                 json.dumps(field["draft"]["draft"]) if "draft" in field else "",
+                *_vector(field),
+                name in schema.get("required", ()),
             )
         )
     return found
@@ -78,8 +86,29 @@ def _choices(field: dict[str, Any], schema: dict[str, Any]) -> tuple[str, ...]:
 def _kind(field: dict[str, Any]) -> str:
     if field.get("format") in ("color", "file"):
         return str(field["format"])
+    if _vector(field)[0]:
+        return "vector"
     plain = {"number": "number", "integer": "integer", "boolean": "flag", "string": "text"}
     return plain.get(str(field.get("type")), "ron")
+
+
+# Blender shows longer arrays as a heap of numbers.
+MAX_WIDTH = 4
+
+
+def _items(field: dict[str, Any]) -> list[dict[str, Any]]:
+    """The components of an array of fixed length; one without anything if it is no such array."""
+    count = field.get("minItems", 0)
+    items = field.get("prefixItems") or [field.get("items")] * count
+    is_fixed = count == field.get("maxItems") == len(items) and all(isinstance(it, dict) for it in items)
+    return items if is_fixed and items else [{}]
+
+
+def _vector(field: dict[str, Any]) -> tuple[int, bool]:
+    """The number of components of a vector, and whether they are integers; 0 if it is none."""
+    kinds = [it.get("type") for it in _items(field)]
+    is_vector = 2 <= len(kinds) <= MAX_WIDTH and len(set(kinds)) == 1 and kinds[0] in ("number", "integer")
+    return (len(kinds), kinds[0] == "integer") if is_vector else (0, False)
 
 
 def single(number: float) -> float:
@@ -118,6 +147,8 @@ def is_same(control: Control, value: Any, known: Any) -> bool:
         return single(float(value)) == single(float(known))
     if control.kind == "color":
         return _color(value).lower() == _color(known).lower()
+    if control.kind == "vector":
+        return [single(float(it)) for it in value] == [single(float(it)) for it in known]
     return bool(value == known)
 
 
@@ -144,7 +175,11 @@ def ron(control: Control, value: Any) -> str:
     if control.kind == "flag":
         return "true" if value else "false"
     if control.kind == "choice":
+        if value not in control.choices:
+            raise ValueError(value)
         return str(value)
+    if control.kind == "vector":
+        return vector_text(value, control)
     if control.kind == "color":
         return json.dumps(_color(value))
     if control.kind in ("file", "text"):
@@ -166,6 +201,27 @@ def shown(control: Control, text: str | None) -> Any:
         if text not in words:
             raise ValueError(text)
         return words[text]
+    if control.kind == "vector":
+        return vector(control, text)
     if control.kind in ("color", "file", "text"):
         return json.loads(text)
     return text
+
+
+def vector_text(value: Iterable[float], control: Control) -> str:
+    """The RON of a vector."""
+    numbers = list(value)
+    if len(numbers) != control.width or not all(map(math.isfinite, numbers)):
+        raise ValueError(value)
+    return f"({', '.join(str(int(it)) if control.is_whole else number_text(float(it)) for it in numbers)})"
+
+
+def vector(control: Control, text: str) -> list[Any]:
+    """The components of a vector in RON. ValueError if one of them is not a number."""
+    inner = text.strip()
+    if not (inner.startswith("(") and inner.endswith(")")):
+        raise ValueError(text)
+    texts = inner[1:-1].rstrip().removesuffix(",").split(",")
+    if len(texts) != control.width:
+        raise ValueError(text)
+    return [int(it) if control.is_whole else float(it) for it in texts]

@@ -88,6 +88,11 @@ def _real(path: str) -> pathlib.Path:
     return pathlib.Path(bpy.path.abspath(path)).resolve()
 
 
+def real_path(tree: bpy.types.NodeTree) -> pathlib.Path:
+    """The file of a tree's graph."""
+    return pathlib.Path(bpy.path.abspath(tree.maquette_graph, library=tree.library)).resolve()
+
+
 def new(path: str, name: str) -> bpy.types.NodeTree:
     """A tree of the graph in a file."""
     tree = bpy.data.node_groups.new(name, nodes.MaquetteTree.bl_idname)
@@ -124,7 +129,7 @@ def tick() -> None:
         if undone and not tree.maquette_text:
             # The step was taken before the graph was read for the first time.
             state.outline = None
-        path = bpy.path.abspath(tree.maquette_graph)
+        path = bpy.path.abspath(tree.maquette_graph, library=tree.library)
         if path != state.path:
             state.path, state.history = path, History()
             state.outline, state.edited, state.keeps = None, None, False
@@ -411,7 +416,7 @@ def _is_touched(tree: bpy.types.NodeTree, state: State) -> bool:
         if not name:
             return True
         # One call of Blender for all that a node has: there may be hundreds of nodes.
-        now = (node.label, *node.values())
+        now = (node.label, *(list(it) if hasattr(it, "to_list") else it for it in node.values()))
         if state.looked_at.get(name) == now:
             continue
         known = state.fields.get(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pathlib
 from typing import Any
 
 import bpy
@@ -88,6 +89,26 @@ class MAQUETTE_OT_add_used(InTree, bpy.types.Operator):
         return bpy.ops.node.translate_attach_remove_on_cancel("INVOKE_DEFAULT")
 
 
+class MAQUETTE_OT_show_node(InTree, bpy.types.Operator):
+    """Shows what this node gives on the live objects of this graph"""
+
+    bl_idname = "maquette.show_node"
+    bl_label = "Show on Live Objects"
+    bl_options = {"REGISTER", "UNDO"}
+    node: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Shows it."""
+        path = tree.real_path(shown(context))
+        found = [it for it in live.objects() if pathlib.Path(live.graph_path(it)).resolve() == path]
+        for owner in found:
+            owner.maquette.output = self.node
+        if not found:
+            self.report({"ERROR"}, "no live object shows this graph: add one by Add > Mesh > Maquette Graph")
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
 class MAQUETTE_PT_tree(bpy.types.Panel):
     """The graph of a tree."""
 
@@ -133,13 +154,10 @@ def _menu(self: Any, context: bpy.types.Context) -> None:
     for it in used:
         self.layout.operator("maquette.add_used", text=it["name"]).graph = it["pack"]
     for pack in nodes.packs():
-        self.layout.label(text=pack.capitalize())
-        for it in nodes.of_pack(pack):
-            made = self.layout.operator("node.add_node", text=it["name"])
-            made.type, made.use_transform = nodes.class_of(it["name"]), True
+        self.layout.menu(nodes.menu_of(pack))
 
 
-CLASSES = (MAQUETTE_OT_open_tree, MAQUETTE_OT_open_used, MAQUETTE_OT_close_used, MAQUETTE_OT_add_used, MAQUETTE_PT_tree)
+CLASSES = (MAQUETTE_OT_open_tree, MAQUETTE_OT_open_used, MAQUETTE_OT_close_used, MAQUETTE_OT_add_used, MAQUETTE_OT_show_node, MAQUETTE_PT_tree)
 
 
 def register() -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import os
 import pathlib
 from typing import Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from . import engine, live, panel
+from . import engine, live, panel, paths, values
 from .client import Answer
 
 
@@ -36,14 +36,36 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO"}
     filename_ext = ".ron"
     filter_glob: bpy.props.StringProperty(default="*.ron", options={"HIDDEN"})  # type: ignore[valid-type]
+    # What was dropped last is not what is added next.
+    filepath: bpy.props.StringProperty(name="File Path", subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Asks for the file, if none was dropped."""
+        return self.execute(context) if self.filepath else ImportHelper.invoke(self, context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Adds it."""
-        if not pathlib.Path(self.filepath).is_file():
-            self.report({"ERROR"}, f"there is no file {self.filepath}")
+        # The engine may have another current folder.
+        path = os.path.abspath(bpy.path.abspath(self.filepath))
+        if not pathlib.Path(path).is_file():
+            self.report({"ERROR"}, f"there is no file {path}")
             return {"CANCELLED"}
-        live.add(self.filepath, context)
+        live.add(paths.chosen(path), context)
         return {"FINISHED"}
+
+
+class MAQUETTE_FH_graph(bpy.types.FileHandler):
+    """Graphs that are dropped into a 3D view or the outliner."""
+
+    bl_idname = "MAQUETTE_FH_graph"
+    bl_label = "Maquette Graph"
+    bl_import_operator = "maquette.add"
+    bl_file_extensions = ".ron"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Whether they can be dropped there."""
+        return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
 class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
@@ -98,7 +120,6 @@ class MAQUETTE_OT_restart(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         """Starts it."""
         engine.restart()
-        live.restarted()
         return {"FINISHED"}
 
 
@@ -113,10 +134,7 @@ class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forgets the value."""
         owner = active(context)
-        known = live.values(owner)
-        known.pop(self.name, None)
-        owner.maquette.values = json.dumps(known) if known else ""
-        owner.pop(live.WIDGET + self.name, None)
+        values.reset(owner, self.name)
         live.reload(owner)
         return {"FINISHED"}
 
@@ -145,7 +163,8 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Writes them."""
         owner = active(context)
-        uid, known = live.key(owner), live.values(owner)
+        uid, loaded, own = live.key(owner), live.state(owner).loaded, values.kept(owner)
+        known = {name: text for name, text in own.items() if loaded and loaded["ok"] and values.is_known(name, loaded)}
         edits = [{"set": {"target": name, "value": value}} for name, value in known.items()]
 
         def done(answer: Answer) -> None:
@@ -153,7 +172,7 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
             if found is None:
                 return
             if answer.ok:
-                found.maquette.values = ""
+                values.keep(found, {name: text for name, text in values.kept(found).items() if known.get(name) != text})
                 # Its widgets show what are the graph's own values now.
                 live.reload(found)
             else:
@@ -212,9 +231,11 @@ class GraphPanel(ForLiveObject):
             return _state(layout, it)
         if it.loaded.get("doc"):
             layout.label(text=it.loaded["doc"])
-        known = live.values(owner)
+        known = values.kept(owner)
         for control in it.controls:
             _control(layout, owner, control, control.name in known)
+        if it.loaded["ok"]:
+            _unknown(layout, it, known)
         wanted = {its["name"] for its in it.loaded["inputs"]} if it.loaded["ok"] else owner.maquette.inputs.keys()
         for given in owner.maquette.inputs:
             if given.name in wanted:
@@ -224,6 +245,7 @@ class GraphPanel(ForLiveObject):
         row = layout.row(align=True)
         row.operator("maquette.write", icon="FILE_TICK")
         row.operator("maquette.bake", icon="MESH_DATA")
+        row.operator("maquette.bake_frames", icon="FILE_CACHE")
         layout.operator("maquette.open_tree", icon="NODETREE")
 
 
@@ -249,15 +271,18 @@ def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_se
     if name not in owner.keys():
         return
     row = layout.row(align=True)
-    if control.kind == "choice":
-        row.label(text=control.title)
-        for word in control.choices:
-            chosen = row.operator("maquette.choose", text=word, depress=owner[name] == word)
-            chosen.name, chosen.word = control.name, word
-    else:
-        row.prop(owner, f'["{name}"]', text=control.title, slider=control.is_ranged)
+    row.prop(owner, f'["{name}"]', text=control.title, slider=control.is_ranged)
     if is_set:
         row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
+
+
+def _unknown(layout: Any, it: live.State, known: dict[str, str]) -> None:
+    """Values of parameters that the graph has no more: they wait for such a parameter, or are dropped."""
+    for name, text in known.items():
+        if not values.is_known(name, it.loaded):
+            row = layout.row(align=True)
+            row.label(text=f"{name} = {text}: the graph has no such parameter", icon="ERROR")
+            row.operator("maquette.reset", text="", icon="X").name = name
 
 
 def _state(layout: Any, it: live.State | None) -> None:
@@ -292,6 +317,7 @@ def _menu(self: Any, _context: bpy.types.Context) -> None:
 
 CLASSES = (
     MAQUETTE_OT_add,
+    MAQUETTE_FH_graph,
     MAQUETTE_OT_reload,
     MAQUETTE_OT_cancel,
     MAQUETTE_OT_bake,

@@ -153,8 +153,6 @@ def test_the_path_of_a_graph_may_begin_at_the_folder_of_the_blend_file(empty: An
     bpy.ops.wm.open_mainfile(filepath=str(place / "file.blend"))
     owner = bpy.data.objects["große Puppe"]
     owner["maquette growth"] = 20.5
-    until(lambda: owner.get("maquette growth") == 12.0)
-    owner["maquette growth"] = 20.5
     until(lambda: "20.5" in owner.maquette.values and settled(owner))
 
 
@@ -280,11 +278,11 @@ def test_colors_and_words_have_widgets_and_go_back(empty: Any, folder: pathlib.P
     until(lambda: '"how": "Eight"' in owner.maquette.values and settled(owner))
     module("live").reload(owner)
     until(lambda: settled(owner))
-    assert [round(it * 255) for it in owner["maquette hue"]] == [0xC3, 0x80, 0x23] and owner["maquette how"] == "Eight"
+    assert [round(it * 255) for it in owner["maquette hue"]] == [0xC3, 0x80, 0x23] and owner["maquette how"] == 1
     for name in ("hue", "how"):
         assert bpy.ops.maquette.reset(name=name) == {"FINISHED"}
         until(lambda: settled(owner))
-    assert owner.maquette.values == "" and owner["maquette how"] == "Four"
+    assert owner.maquette.values == "" and owner["maquette how"] == 0
 
 
 def test_3_of_a_hundred_values_in_a_second_the_last_is_shown(doll: bpy.types.Object) -> None:
