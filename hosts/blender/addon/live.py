@@ -487,6 +487,7 @@ def _show(owner: bpy.types.Object, it: State, told: dict[str, Any]) -> None:
         it.message = f"{owner.maquette.output} is of the type {told['type']}: {told.get('why', '')}"
         owner.data.clear_geometry()
         owner.data[SHOWN] = ""
+        by_hand.remember(owner.data)
         return
     try:
         show(owner, told)
@@ -532,7 +533,7 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
         mesh[SHOWN] = told["hash"]
         owner.maquette.lost = _lost(owner, told)
     if told["axes"] != owner.maquette.axes:
-        owner.matrix_world = owner.matrix_world @ turn
+        owner.matrix_world = space.world(owner) @ turn
         owner.maquette.axes = told["axes"]
         _placed(owner)
     owner.maquette.shown = told["hash"]
@@ -606,7 +607,7 @@ def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Obje
     folder = engine.client().folder
     assert folder
     first = MAX_VERTICES * next((at for at, its in enumerate(owner.maquette.inputs) if its.object == given), 0)
-    place = space.applied(owner.data).inverted_safe() @ owner.matrix_world.inverted_safe()
+    place = space.applied(owner.data).inverted_safe() @ space.world(owner).inverted_safe()
     fields, source = from_object.fields(place, start, kind, given, folder, first)
     return {**fields, "source": source}
 

@@ -28,6 +28,11 @@ def scale(scene: bpy.types.Scene) -> float:
     return MILLIMETER / (units.scale_length if units.system != "NONE" and units.scale_length > 0 else 1.0)
 
 
+def world(owner: bpy.types.Object) -> Matrix:
+    """The matrix of an object in the world, also before the scene is evaluated anew."""
+    return owner.matrix_world if owner.parent or len(owner.constraints) else owner.matrix_basis
+
+
 def applied(mesh: bpy.types.Mesh | None) -> Matrix:
     """The transform from the graph's values to the mesh."""
     numbers = list((mesh.get(APPLIED) if mesh else None) or ())
@@ -76,7 +81,7 @@ def center(owner: bpy.types.Object, places: Any, axes: str, stays: bool) -> None
     middle = Matrix.Translation(((whole.min(0) + whole.max(0)) / 2).tolist())
     apply(owner.data, middle.inverted(), axes)
     if stays:
-        owner.matrix_world = owner.matrix_world @ middle
+        owner.matrix_world = world(owner) @ middle
 
 
 def learn(mesh: bpy.types.Mesh, folder: pathlib.Path, file: str, axes: str) -> bool:
