@@ -7,9 +7,16 @@ from typing import Any
 
 import bpy
 
+from . import returned, space
+from .returned import DOMAINS
+
 # What a mesh remembers of the columns that it was made of: their files are named by what is in them.
 FACES = "maquette_faces"
 FILES = "maquette_files"
+NORMALS = "maquette_normals"
+
+# The key of the positions among the files.
+PLACES = "vertex position"
 
 # And its material, with the file of the texture that this shows; empty while there is none.
 MATERIAL = "maquette_material"
@@ -33,8 +40,6 @@ LONGEST = 48
 # Creases of Blender are from 0 to 1, where 1 never softens; the engine counts the subdivisions that stay sharp, and 10 never soften.
 NEVER_SOFT = 10
 
-DOMAINS = {"vertex": "POINT", "edge": "EDGE", "face": "FACE", "corner": "CORNER"}
-
 
 class Columns:
     """The columns of a value, mapped from the files of the engine's folder."""
@@ -53,10 +58,23 @@ class Columns:
         kinds = {"f32": "<f4", "f64": "<f8", "u32": "<u4", "u8": "u1"}
         return np.memmap(self.folder / column["file"], dtype=kind or kinds[column["type"]], mode="r")
 
+    def rows(self, column: dict[str, Any]) -> Any:
+        """The numbers, an element a row."""
+        return self.numbers(column).reshape(-1, column["width"])
+
     def named(self, name: str, kind: str | None = None) -> Any:
         """The numbers of a column; None if there is no such column."""
         column = self.own.get(name)
         return None if column is None else self.numbers(column, kind)
+
+    def sides(self) -> Any:
+        """The number of corners of each face."""
+        import numpy as np
+
+        sides = self.told["sides"]
+        if sides is None:
+            return self.named("sides", "<i4") if "sides" in self.own else np.empty(0, "i4")
+        return np.full(self.count("corners") // sides, sides, "i4")
 
     def count(self, name: str) -> int:
         """How many elements a column has."""
@@ -71,15 +89,26 @@ class Columns:
 def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
     """Makes the mesh what a value is; only what differs is written."""
     columns = Columns(told, folder)
-    faces = f"{columns.count('position')} {columns.faces()}"
-    if mesh.get(FACES) != faces or not _is_whole(mesh, columns):
+    faces = _faces(columns)
+    if will_differ(mesh, columns):
         mesh.clear_geometry()
         _topology(mesh, columns)
-        mesh[FACES], mesh[FILES] = faces, {}
+        mesh[FACES], mesh[FILES], mesh[NORMALS] = faces, {}, ""
     known = dict(mesh[FILES])
     mesh[FILES] = _attributes(mesh, columns, known)
+    returned.edges(mesh, columns, columns.told.get("sources", []))
     # Edges are given, so that none has to be found.
     mesh.update()
+    _normals(mesh, columns)
+
+
+def _faces(columns: Columns) -> str:
+    return f"{columns.count('position')} {columns.faces()}"
+
+
+def will_differ(mesh: bpy.types.Mesh, columns: Columns) -> bool:
+    """Whether other vertices belong together in the value than in the mesh."""
+    return mesh.get(FACES) != _faces(columns) or not _is_whole(mesh, columns)
 
 
 def _is_whole(mesh: bpy.types.Mesh, columns: Columns) -> bool:
@@ -127,18 +156,42 @@ def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
 
 def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -> dict[str, str]:
     """Writes the positions, and the columns whose files are not known; gives the files of these."""
+    import numpy as np
+
     files = {}
     if len(mesh.vertices):
-        mesh.attributes["position"].data.foreach_set("vector", columns.named("position"))
+        mesh.attributes["position"].data.foreach_set("vector", space.moved(mesh, columns.named("position")))
+        files[PLACES] = columns.own["position"]["file"]
+    sources = columns.told.get("sources", [])
     uv = columns.own.get("uv")
     if uv and uv["on"] == "corner":
-        files["corner UVMap"] = uv["file"]
-        layer = mesh.uv_layers.get("UVMap")
-        if layer is None or known.get("corner UVMap") != uv["file"]:
-            layer = layer or mesh.uv_layers.new(name="UVMap", do_init=False)
+        name = returned.uv_name(sources)
+        files[f"corner {name}"] = uv["file"]
+        layer = mesh.uv_layers.get(name)
+        if layer is None or known.get(f"corner {name}") != uv["file"]:
+            layer = layer or mesh.uv_layers.new(name=name, do_init=False)
             layer.uv.foreach_set("vector", columns.numbers(uv))
+    typed, used = returned.typed(columns, sources)
     elements = {"vertex": mesh.vertices, "edge": mesh.edges, "face": mesh.polygons, "corner": mesh.loops}
-    for name, column in _named(columns).items():
+    for it in typed:
+        its = it.record
+        if its.kind == "GROUP" or len(it.numbers) != len(elements[its.on]):
+            continue
+        key = f"{its.on} {its.name}"
+        files[key] = it.file
+        if known.get(key) != it.file or its.name not in mesh.attributes:
+            attribute = attribute_of(mesh, its.name, its.kind, DOMAINS[its.on])
+            if attribute:
+                returned.write(attribute, its.kind, it.numbers)
+    material = next((it for it in columns.told["columns"] if (it["on"], it["name"]) == ("face", "material")), None)
+    count = columns.told.get("material_count", 0)
+    if material and count:
+        used.add(("face", "material"))
+        files["face material_index"] = material["file"]
+        if known.get("face material_index") != material["file"]:
+            numbers = columns.numbers(material, "<i4")
+            mesh.polygons.foreach_set("material_index", np.where((0 <= numbers) & (numbers < count), numbers, 0).astype("i4"))
+    for name, column in _named(columns, used).items():
         # Some may be on some elements only.
         if not column["count"] or column["count"] != len(elements[column["on"]]):
             continue
@@ -160,12 +213,21 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
     return files
 
 
-def _named(columns: Columns) -> dict[str, dict[str, Any]]:
+def _normals(mesh: bpy.types.Mesh, columns: Columns) -> None:
+    """Writes the normals of corners, which Blender keeps relative to those that it finds."""
+    column = returned.normal(columns)
+    now = f"{column['file']} {columns.own['position']['file']} {list(mesh.get(space.APPLIED) or ())}" if column else ""
+    if now != mesh.get(NORMALS, ""):
+        returned.normals(mesh, columns)
+        mesh[NORMALS] = now
+
+
+def _named(columns: Columns, used: set[tuple[str, str]]) -> dict[str, dict[str, Any]]:
     """Attributes by their names in Blender, which has one of each name: those on vertices come first and keep theirs."""
     found: dict[str, dict[str, Any]] = {}
     for column in columns.told["columns"]:
         on, name = column["on"], column["name"]
-        if (on, name) in OWN or on not in DOMAINS:
+        if (on, name) in OWN or on not in DOMAINS or (on, name) in used:
             continue
         name = name.encode()[:LONGEST].decode(errors="ignore")
         while name in found or name in TAKEN:
@@ -208,62 +270,73 @@ def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any], n
         if width not in kinds:
             return
         kind, slot = kinds[width]
+    attribute = attribute_of(mesh, name, kind, domain)
+    if attribute:
+        attribute.data.foreach_set(slot, np.ascontiguousarray(numbers))
+
+
+def attribute_of(mesh: bpy.types.Mesh, name: str, kind: str, domain: str) -> bpy.types.Attribute | None:
+    """An attribute of a type on a domain; None if the mesh needs another one of its name."""
     attribute = mesh.attributes.get(name)
     if attribute and (attribute.data_type, attribute.domain) != (kind, domain):
         if attribute.is_required:
-            return
+            return None
         mesh.attributes.remove(attribute)
         attribute = None
-    attribute = attribute or mesh.attributes.new(name, kind, domain)
-    if attribute:
-        attribute.data.foreach_set(slot, np.ascontiguousarray(numbers))
+    return attribute or mesh.attributes.new(name, kind, domain)
 
 
 def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
     """Gives a mesh a material with its texture; what a user makes of that stays, and comes back when the texture does."""
     picture = told.get("texture")
     was, mesh[TEXTURE] = mesh.get(TEXTURE, ""), picture["file"] if picture else ""
-    material = mesh.get(MATERIAL)
+    known = mesh.get(MATERIAL)
     if not picture:
         for slot in reversed(range(len(mesh.materials))):
-            if was and material and mesh.materials[slot] == material:
+            if was and known and mesh.materials[slot] == known:
                 mesh.materials.pop(index=slot)
         return
-    image = next((it for it in bpy.data.images if it.get("maquette_file") == picture["file"]), None)
-    if image is None:
-        image = bpy.data.images.load(str(folder / picture["file"]))
-        image.name = f"{mesh.name} texture"
-        image.pack()
-        image["maquette_file"] = picture["file"]
-    if material is None:
-        material = mesh[MATERIAL] = _material(mesh.name)
+    shows = image(f"{mesh.name} texture", picture, folder)
+    if known is None:
+        known = mesh[MATERIAL] = material(mesh.name)
     if not was:
-        mesh.materials.append(material)
-    shown = material.node_tree.nodes.get("Texture")
-    if not shown or shown.image == image:
+        mesh.materials.append(known)
+    shown = known.node_tree.nodes.get("Texture")
+    if not shown or shown.image == shows:
         return
-    if shown.image and any(it != mesh and material in it.materials[:] for it in bpy.data.meshes):
+    if shown.image and any(it != mesh and known in it.materials[:] for it in bpy.data.meshes):
         # Copies of the mesh go on to show what they show.
-        slots = [slot for slot, it in enumerate(mesh.materials) if it == material]
-        material = mesh[MATERIAL] = material.copy()
-        shown = material.node_tree.nodes["Texture"]
+        slots = [slot for slot, it in enumerate(mesh.materials) if it == known]
+        known = mesh[MATERIAL] = known.copy()
+        shown = known.node_tree.nodes["Texture"]
         for slot in slots:
-            mesh.materials[slot] = material
-    old, shown.image = shown.image, image
+            mesh.materials[slot] = known
+    old, shown.image = shown.image, shows
     if old and old.get("maquette_file") and not old.users:
         bpy.data.images.remove(old)
 
 
-def _material(name: str) -> bpy.types.Material:
+def image(name: str, picture: dict[str, Any], folder: pathlib.Path) -> bpy.types.Image:
+    """The picture of a file of the engine, kept in Blender's."""
+    found = next((it for it in bpy.data.images if it.get("maquette_file") == picture["file"]), None)
+    if found is None:
+        found = bpy.data.images.load(str(folder / picture["file"]))
+        found.name = name
+        found.pack()
+        found["maquette_file"] = picture["file"]
+    return found
+
+
+def material(name: str) -> bpy.types.Material:
     """A material that shows a texture."""
-    material = bpy.data.materials.new(name)
+    made = bpy.data.materials.new(name)
     if bpy.app.version < (5, 0):
-        material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
+        made.use_nodes = True
+    nodes, links = made.node_tree.nodes, made.node_tree.links
     shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = 0.8
     shown = nodes.new("ShaderNodeTexImage")
     shown.name = "Texture"
     shown.location = (shader.location.x - 320, shader.location.y)
     links.new(shown.outputs["Color"], shader.inputs["Base Color"])
-    return material
+    return made

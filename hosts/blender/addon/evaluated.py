@@ -12,6 +12,8 @@ from typing import Any, Iterable, Iterator
 import bpy
 from mathutils import Matrix
 
+from . import space
+
 # The graph of the frame at hand, while a render, an export or a script waits for it; else that of the window.
 _frame: list[bpy.types.Depsgraph] = []
 
@@ -41,20 +43,35 @@ def is_frame() -> bool:
 
 
 @contextlib.contextmanager
-def of(owner: bpy.types.Object, names: Iterable[str] = ()) -> Iterator[bpy.types.Object]:
-    """The evaluated object, with its custom properties of these names; it must not be used afterwards."""
+def graph(owner: bpy.types.Object, names: Iterable[str] = ()) -> Iterator[bpy.types.Depsgraph]:
+    """A dependency graph that evaluates an object and its custom properties of these names."""
     depsgraph = _frame[-1] if _frame else bpy.context.evaluated_depsgraph_get()
     if is_seen(owner, depsgraph):
-        yield owner.evaluated_get(depsgraph)
+        yield depsgraph
         return
     with _referred(owner, depsgraph.scene, names) as own:
-        yield owner.evaluated_get(own)
+        yield own
+
+
+@contextlib.contextmanager
+def of(owner: bpy.types.Object, names: Iterable[str] = ()) -> Iterator[bpy.types.Object]:
+    """The evaluated object, with its custom properties of these names; it must not be used afterwards."""
+    with graph(owner, names) as depsgraph:
+        yield owner.evaluated_get(depsgraph)
+
+
+def instances(owner: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:
+    """The instances that an object shows in a graph of `graph`."""
+    for one in depsgraph.object_instances:
+        # In the scene for the moment they belong to the object that refers to it.
+        if one.is_instance and one.parent and (is_at_work or one.parent.original == owner):
+            yield one
 
 
 def place(owner: bpy.types.Object) -> Matrix:
     """Where an object lies in the world."""
     if not _frame:
-        return owner.matrix_world
+        return space.world(owner)
     with of(owner) as its:
         return its.matrix_world.copy()
 

@@ -6,7 +6,6 @@ can be lost at any time. `values` has its values and widgets, `evaluated` the ob
 
 from __future__ import annotations
 
-import array
 import math
 import pathlib
 import time
@@ -16,8 +15,9 @@ import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix
 
-from . import apply, engine, evaluated, exchange, panel, values
+from . import apply, by_hand, engine, evaluated, exchange, from_object, looks, panel, returned, space, values
 from .client import Answer
+from .records import MAX_VERTICES, Source
 from .values import WIDGET
 
 # What a mesh remembers of the value that it was made of: its hash.
@@ -29,8 +29,6 @@ PATIENCE = 0.15
 # Seconds between two looks at files.
 LOOK = 0.1
 
-# maquette has millimetres; a meter of Blender is one.
-SCALE = 0.001
 AXES = {"upright": math.pi / 2, "sensor": -math.pi / 2}
 
 # What an object can be given as.
@@ -70,6 +68,9 @@ class MaquetteObject(bpy.types.PropertyGroup):
     widgets: bpy.props.StringProperty(description="JSON: what the widgets were last given, by their parameters' names")  # type: ignore[valid-type]
     inputs: bpy.props.CollectionProperty(type=MaquetteInput)  # type: ignore[valid-type]
     shown: bpy.props.StringProperty(description="The hash of the value that the mesh shows")  # type: ignore[valid-type]
+    held: bpy.props.StringProperty(description="Why the object follows its graph no more; empty if it does")  # type: ignore[valid-type]
+    is_new: bpy.props.BoolProperty(description="Whether its origin goes into the middle of the first value")  # type: ignore[valid-type]
+    lost: bpy.props.StringProperty(description="What objects at inputs have and the mesh has not, in lines")  # type: ignore[valid-type]
     axes: bpy.props.StringProperty(description="How the value that the mesh shows lies: a key of AXES")  # type: ignore[valid-type]
 
 
@@ -105,9 +106,15 @@ class State:
         self.sent: dict[str, int] = {}
         self.sending: set[str] = set()
         self.stale: set[str] = set()
+        # What they were given of their objects.
+        self.sources: dict[str, Source] = {}
         # Why objects cannot be given, by the inputs' names.
         self.unfit: dict[str, str] = {}
         self.runs = 0
+        # The user has said that work by hand may be lost.
+        self.may_lose = False
+        # The mesh that has a mark which it loses if it is converted.
+        self.marked: int | None = None
         # An undo or a redo has replaced the object since the last look.
         self.undone = False
 
@@ -172,7 +179,7 @@ def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
     name = pathlib.Path(path).stem
     owner = bpy.data.objects.new(name, bpy.data.meshes.new(name))
     owner.maquette.graph = path
-    owner.scale = (SCALE,) * 3
+    owner.scale = (space.scale(context.scene),) * 3
     context.collection.objects.link(owner)
     for other in context.selected_objects:
         other.select_set(False)
@@ -181,11 +188,25 @@ def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
     return owner
 
 
+def place(owner: bpy.types.Object, context: bpy.types.Context) -> None:
+    """Puts a new object to the cursor, and its origin into its middle once it has one."""
+    owner.location = context.scene.cursor.location
+    owner.maquette.is_new = True
+
+
 def reload(owner: bpy.types.Object) -> None:
-    """Reads the graph anew and shows what it gives, whatever was done to the mesh."""
+    """Reads the graph anew."""
     states.pop(key(owner), None)
+
+
+def start_over(owner: bpy.types.Object) -> None:
+    """Reads the graph anew and shows what it gives, whatever was done to the mesh."""
+    reload(owner)
+    owner.maquette.held, state(owner).may_lose = "", True
     if owner.data:
         owner.data.pop(SHOWN, None)
+        # What belongs together, and where it is, is the graph's matter again.
+        owner.data.pop(by_hand.SUMS, None)
 
 
 def restarted() -> None:
@@ -219,6 +240,8 @@ def tick() -> None:
     for owner in owners:
         it = state(owner)
         values.take(owner, it.controls)
+        _touched(owner, it)
+        _marked(owner, it)
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False
             continue
@@ -263,11 +286,29 @@ def hindrance(owner: bpy.types.Object) -> str:
     """Why nothing can be shown; empty if it can."""
     if owner.type != "MESH":
         return f"{owner.name} is no mesh"
+    if owner.maquette.held:
+        return f"it is a mesh of your own now and follows its graph no more: {owner.maquette.held}"
     if owner.mode != "OBJECT" or owner.data.is_editmode:
         return "it goes on when you are back in Object Mode"
     if len(owner.data.vertices) and apply.FACES not in owner.data.keys():
         return f"{owner.data.name} is a mesh of your own, and stays as it is"
     return ""
+
+
+def _marked(owner: bpy.types.Object, it: State) -> None:
+    """Sees whether the mesh was converted, or a modifier of it applied."""
+    mesh = owner.data if owner.type == "MESH" and owner.mode == "OBJECT" else None
+    if mesh is None or not mesh.get(by_hand.SUMS) or mesh.library or mesh.is_editmode or owner.maquette.held:
+        it.marked = None
+    elif by_hand.is_marked(mesh):
+        it.marked = key(mesh)
+    elif it.marked == key(mesh):
+        owner.maquette.held, it.marked = by_hand.CONVERTED, None
+        it.message = hindrance(owner)
+    else:
+        # Files of some Blenders do not keep the mark.
+        by_hand.mark(mesh)
+        it.marked = key(mesh)
 
 
 def _source(owner: bpy.types.Object) -> Any:
@@ -399,6 +440,55 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     told = answer["values"].get(owner.maquette.output)
     if not told:
         return
+    given = [name for source in it.sources.values() for name in source.materials]
+    if "columns" in told and owner.data and owner.data.get(SHOWN) != told["hash"] and looks.may_have(told, given):
+        _ask_materials(owner, it, told, "facts")
+    else:
+        _show(owner, it, told)
+
+
+def _ask_materials(owner: bpy.types.Object, it: State, told: dict[str, Any], form: str, fact: str = "") -> None:
+    """Asks for the materials of a value before it is shown: in short first, and if they are new, for all of them."""
+    uid, output = key(owner), owner.maquette.output
+
+    def done(answer: Answer) -> None:
+        it.run = None
+        owner, folder = found(uid), engine.client().folder
+        more = answer["values"].get(output) if answer.ok and not answer.get("cancelled") and not answer.get("replaced") else None
+        if owner is None or folder is None or states.get(uid) is not it or not more or owner.maquette.output != output:
+            it.answered = None
+            return
+        if form == "facts":
+            fact = more["facts"].get("materials", "")
+            if fact and fact != owner.data.get(looks.FACT):
+                _ask_materials(owner, it, told, "parts", fact)
+                return
+            known = {"materials": None, "material_count": owner.data.get(looks.COUNT, 0)} if fact else {}
+        else:
+            try:
+                materials = looks.of_parts(more, folder)
+            except (OSError, ValueError) as error:
+                it.message = f"the materials cannot be read: {error}"
+                return
+            known = {"materials": materials, "material_count": len(materials), "materials_fact": wanted_fact}
+        _show(owner, it, {**told, **known})
+
+    wanted_fact = fact
+    it.run = engine.client().ask(
+        "run",
+        done,
+        None,
+        graph=graph_path(owner),
+        roots=engine.roots(),
+        set=values(owner),
+        inputs=it.inputs,
+        want=[{"value": output, "as": form}],
+        slot=f"{uid} materials",
+    )
+
+
+def _show(owner: bpy.types.Object, it: State, told: dict[str, Any]) -> None:
+    """Shows a value, unless something is against it."""
     if hindrance(owner):
         it.answered = None
         return
@@ -411,12 +501,18 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
         owner.data = owner.data.copy()
         it.answered = (*it.answered[:-1], key(owner.data))
     if "columns" not in told:
+        if not by_hand.take(owner).is_empty:
+            owner.maquette.held = f"nothing of {owner.maquette.output} can be seen, and the mesh would be empty"
+            it.message = hindrance(owner)
+            return
         it.message = f"{owner.maquette.output} is of the type {told['type']}: {told.get('why', '')}"
         owner.data.clear_geometry()
         owner.data[SHOWN] = ""
+        by_hand.remember(owner.data)
         return
     try:
         show(owner, told)
+        it.message = hindrance(owner) if owner.maquette.held else owner.maquette.lost
     except OSError:
         # Its files made way for later ones: it is asked for again.
         it.answered = None
@@ -434,14 +530,39 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     folder = engine.client().folder
     if folder is None:
         return
-    if owner.data.get(SHOWN) != told["hash"]:
-        apply.apply(owner.data, told, folder)
-        apply.texture(owner.data, told, folder)
-        owner.data[SHOWN] = told["hash"]
-    turn = AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0)
-    if turn:
+    mesh = owner.data
+    turn = Matrix.Rotation(AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0), 4, "X")
+    if mesh.get(SHOWN) != told["hash"]:
+        it = state(owner)
+        sources = [it.sources[its.name] for its in owner.maquette.inputs if its.name in it.sources and its.object]
+        told = {**told, "sources": sources}
+        columns = apply.Columns(told, folder)
+        space.turn(mesh, told["axes"], turn)
+        if owner.maquette.is_new and columns.count("position"):
+            space.center(owner, columns.named("position"), told["axes"], bool(sources))
+            owner.maquette.is_new = False
+        work, why = by_hand.ready(owner, columns, folder, it.may_lose)
+        if why:
+            owner.maquette.held = why
+            return
+        will_differ = apply.will_differ(mesh, columns)
+        before = by_hand.places(mesh) if mesh.shape_keys and not will_differ else None
+        if mesh.shape_keys and will_differ:
+            owner.shape_key_clear()
+        apply.apply(mesh, told, folder)
+        if before is not None:
+            by_hand.move_keys(mesh, before)
+        if work:
+            by_hand.put(owner, work)
+        returned.groups(owner, columns, sources)
+        looks.show(mesh, told, folder, [name for source in sources for name in source.materials])
+        by_hand.remember(mesh)
+        it.may_lose = False
+        mesh[SHOWN] = told["hash"]
+        owner.maquette.lost = _lost(owner, told)
+    if told["axes"] != owner.maquette.axes:
         # Not its matrix in the world: that is not evaluated yet where a script has placed the object a moment ago.
-        owner.matrix_basis = owner.matrix_basis @ Matrix.Rotation(turn, 4, "X")
+        owner.matrix_basis = owner.matrix_basis @ turn
         if not evaluated.is_frame():
             bpy.context.view_layer.update()
         owner.maquette.axes = told["axes"]
@@ -450,6 +571,16 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     for other in objects():
         # Nothing tells of a hidden one.
         state(other).stale |= {its.name for its in other.maquette.inputs if its.object == owner and other != owner}
+
+
+def _lost(owner: bpy.types.Object, told: dict[str, Any]) -> str:
+    """What of the objects at inputs was not given, and what of it is not in the value, in lines for people."""
+    sources, lines = state(owner).sources, []
+    for its in owner.maquette.inputs:
+        if its.object and its.name in sources and sources[its.name].lost:
+            lines.append(f"{its.name}: {its.object.name} is given without {', '.join(sources[its.name].lost)}")
+    gone = returned.lost(told, owner.data)
+    return "\n".join([*lines, *([f"not in {owner.maquette.output}: {', '.join(gone)}"] if gone else [])])
 
 
 def _placed(owner: bpy.types.Object) -> None:
@@ -490,6 +621,7 @@ def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given:
             it.inputs.pop(name, None)
             it.unfit[name] = f"{name}: {answer.why}"
 
+    it.sources[name] = given_as.pop("source", None) or Source()
     engine.client().ask("input", done, None, type=kind, **given_as)
 
 
@@ -509,80 +641,13 @@ def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
 
 
 def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> dict[str, Any]:
-    """Puts the numbers of an object's mesh into files and describes them; `ValueError` says what it is not."""
-    with evaluated.of(given) as its:
-        return _columns(its, evaluated.place(owner), start, kind)
-
-
-def _columns(given: bpy.types.Object, owner_place: Matrix, start: str, kind: str) -> dict[str, Any]:
-    """Puts the numbers of an evaluated object's mesh into files and describes them."""
+    """Puts what an object has into files and describes them; `ValueError` says what it is not."""
     folder = engine.client().folder
-    try:
-        mesh = given.to_mesh()
-    except RuntimeError:
-        # A light, a camera.
-        mesh = None
-    if mesh is None or folder is None:
-        raise ValueError("has no mesh")
-    try:
-        place = owner_place.inverted_safe() @ given.matrix_world
-        mesh.transform(place)
-        if place.determinant() < 0:
-            # What is mirrored has its outside where it was.
-            mesh.flip_normals()
-        places = _numbers(mesh.vertices, "co", "f", 3)
-        ends = _numbers(mesh.edges, "vertices", "i", 2)
-        corners = _numbers(mesh.loops, "vertex_index", "i")
-        sides = _numbers(mesh.polygons, "loop_total", "i")
-        creases = array.array("d")
-        its = mesh.attributes.get("crease_edge")
-        if its and (its.domain, its.data_type) == ("EDGE", "FLOAT"):
-            for place, crease in enumerate(_numbers(its.data, "value", "f")):
-                if crease > 0:
-                    creases.extend([*ends[2 * place : 2 * place + 2], apply.NEVER_SOFT * crease * crease])
-    finally:
-        given.to_mesh_clear()
-    facts: dict[str, Any] = {}
-    if kind == "Curve":
-        order, facts["closed"] = _chain(list(zip(ends[::2], ends[1::2])), len(places) // 3)
-        places = array.array("f", [number for vertex in order for number in places[3 * vertex : 3 * vertex + 3]])
-        found = [("point", "point", "position", 3, "f32", places)]
-    elif kind == "Points":
-        found = [("position", "point", "position", 3, "f32", places)]
-    else:
-        found = [("position", "vertex", "position", 3, "f32", places), ("corners", "corner", "index", 1, "u32", corners)]
-        found.append(("sides", "face", "index", 1, "u32", sides))
-        if creases:
-            found.append(("creases", "edge", "number", 3, "f64", creases))
-    columns = []
-    for name, on, meaning, width, numbers, items in found:
-        (folder / f"{start}{name}").write_bytes(items.tobytes())
-        columns.append({"name": name, "on": on, "meaning": meaning, "width": width, "type": numbers, "file": f"{start}{name}"})
-    return {"columns": columns, "facts": facts}
-
-
-def _numbers(elements: Any, name: str, kind: str, width: int = 1) -> array.array[Any]:
-    numbers = array.array(kind, [0]) * (width * len(elements))
-    elements.foreach_get(name, numbers)
-    return numbers
-
-
-def _chain(edges: list[tuple[int, int]], count: int) -> tuple[list[int], bool]:
-    """The vertices in the order in which edges lead from one to the next, and whether the last leads to the first."""
-    beside: list[list[int]] = [[] for _ in range(count)]
-    for one, other in edges:
-        beside[one].append(other)
-        beside[other].append(one)
-    tips = [vertex for vertex in range(count) if len(beside[vertex]) == 1]
-    order: list[int] = []
-    if edges and len(tips) in (0, 2) and all(len(its) in (1, 2) for its in beside):
-        before, vertex = -1, (tips or [0])[0]
-        while vertex != -1 and (not order or vertex != order[0]):
-            order.append(vertex)
-            before, vertex = vertex, next((it for it in beside[vertex] if it != before), -1)
-    if not order or len(order) != count:
-        raise ValueError("is not one chain of edges, as a curve has to be")
-    return order, not tips
+    assert folder
+    first = MAX_VERTICES * next((at for at, its in enumerate(owner.maquette.inputs) if its.object == given), 0)
+    place = space.applied(owner.data).inverted_safe() @ evaluated.place(owner).inverted_safe()
+    fields, source = from_object.fields(place, start, kind, given, folder, first)
+    return {**fields, "source": source}
 
 
 @persistent
@@ -628,7 +693,7 @@ def _undone(*_given: Any) -> None:
     """Meshes may be what they were: what is shown is asked for again."""
     forget()
     for it in states.values():
-        it.answered, it.undone = None, True
+        it.answered, it.undone, it.marked = None, True, None
 
 
 @persistent

@@ -50,7 +50,7 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
         if not pathlib.Path(path).is_file():
             self.report({"ERROR"}, f"there is no file {path}")
             return {"CANCELLED"}
-        live.add(paths.chosen(path), context)
+        live.place(live.add(paths.chosen(path), context), context)
         return {"FINISHED"}
 
 
@@ -76,7 +76,20 @@ class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Reads it."""
-        live.reload(active(context))
+        live.start_over(active(context))
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_go_on(ForLiveObject, bpy.types.Operator):
+    """Follows the graph again. What was done by hand and cannot be kept is lost; undo brings it back"""
+
+    bl_idname = "maquette.go_on"
+    bl_label = "Follow the Graph Again"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Follows it."""
+        live.start_over(active(context))
         return {"FINISHED"}
 
 
@@ -227,8 +240,10 @@ class GraphPanel(ForLiveObject):
             hindrance = "it shows what was computed in its own file"
         if hindrance:
             layout.label(text=hindrance[0].upper() + hindrance[1:], icon="INFO")
+        if owner.maquette.held:
+            layout.operator("maquette.go_on", icon="PLAY")
         if it is None or it.loaded is None:
-            return _state(layout, it)
+            return _state(layout, it, owner.maquette.lost)
         if it.loaded.get("doc"):
             layout.label(text=it.loaded["doc"])
         known = values.kept(owner)
@@ -241,7 +256,7 @@ class GraphPanel(ForLiveObject):
             if given.name in wanted:
                 layout.prop(given, "object", text=given.name)
         layout.prop(owner.maquette, "output")
-        _state(layout, it)
+        _state(layout, it, owner.maquette.lost)
         row = layout.row(align=True)
         row.operator("maquette.write", icon="FILE_TICK")
         row.operator("maquette.bake", icon="MESH_DATA")
@@ -285,14 +300,17 @@ def _unknown(layout: Any, it: live.State, known: dict[str, str]) -> None:
             row.operator("maquette.reset", text="", icon="X").name = name
 
 
-def _state(layout: Any, it: live.State | None) -> None:
+def _state(layout: Any, it: live.State | None, lost: str) -> None:
     if it is None:
         return
     if it.progress:
         row = layout.row()
         row.label(text=f"{it.progress[0]}: {it.progress[1]:.0%}", icon="TIME")
         row.operator("maquette.cancel", text="", icon="CANCEL")
-    if it.message:
+    if it.message and it.message == lost:
+        for line in lost.splitlines():
+            layout.label(text=line, icon="INFO")
+    elif it.message:
         box = layout.box()
         box.alert = True
         box.label(text=it.message, icon="ERROR")
@@ -319,6 +337,7 @@ CLASSES = (
     MAQUETTE_OT_add,
     MAQUETTE_FH_graph,
     MAQUETTE_OT_reload,
+    MAQUETTE_OT_go_on,
     MAQUETTE_OT_cancel,
     MAQUETTE_OT_bake,
     MAQUETTE_OT_restart,

@@ -176,7 +176,7 @@ def test_linked_duplicates_share_a_mesh_until_their_values_differ(doll: bpy.type
     assert len(other.data.vertices) == 0 and (positions(doll) == first).all()
 
 
-def test_a_mesh_that_is_edited_by_hand_waits_and_then_is_the_graphs_again(doll: bpy.types.Object) -> None:
+def test_a_mesh_that_is_edited_by_hand_waits_and_is_the_graphs_again_when_the_user_says_so(doll: bpy.types.Object) -> None:
     live, first = module("live"), positions(doll).copy()
     faces = [tuple(it.vertices) for it in doll.data.polygons[:9]]
     bpy.ops.object.mode_set(mode="EDIT")
@@ -189,10 +189,20 @@ def test_a_mesh_that_is_edited_by_hand_waits_and_then_is_the_graphs_again(doll: 
     bpy.ops.mesh.flip_normals()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert [tuple(it.vertices) for it in doll.data.polygons[:9]] != faces
+    # Work is not lost without a word.
+    until(lambda: doll.maquette.held)
+    assert [tuple(it.vertices) for it in doll.data.polygons[:9]] != faces
+    assert bpy.ops.maquette.go_on() == {"FINISHED"}
     until(lambda: settled(doll))
     assert [tuple(it.vertices) for it in doll.data.polygons[:9]] == faces and np.abs(positions(doll) - first).max() > 10
-    # What was done by hand stays until there is another value, or the graph is read anew.
-    for again in (lambda: doll.__setitem__("maquette growth", 12.0), bpy.ops.maquette.reload):
+
+    def another_value() -> None:
+        doll["maquette growth"] = 12.0
+        until(lambda: doll.maquette.held)
+        assert doll.data.vertices[5].co.z > 900 and bpy.ops.maquette.go_on() == {"FINISHED"}
+
+    # What was done by hand stays until the user goes on after another value, or reads the graph anew.
+    for again in (another_value, bpy.ops.maquette.reload):
         doll.data.vertices[5].co.z += 1000
         doll.data.attributes.remove(doll.data.attributes["UVMap"])
         bpy.ops.ed.undo_push(message="by hand")
