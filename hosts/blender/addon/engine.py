@@ -134,3 +134,8 @@ def unregister() -> None:
         _client.stop()
     _client = None
     _is_full = False
+
+
+def key(owner: bpy.types.Object) -> int:
+    """What an object is known by while it lives, undo included."""
+    return owner.session_uid if hasattr(owner, "session_uid") else hash(owner.name_full)

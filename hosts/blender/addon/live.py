@@ -15,9 +15,10 @@ import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix
 
-from . import apply, by_hand, engine, evaluated, exchange, from_object, looks, panel, returned, space, values
+from . import apply, by_hand, engine, evaluated, exchange, inputs, looks, panel, returned, space, values
 from .client import Answer
-from .records import MAX_VERTICES, Source
+from .engine import key
+from .records import Source
 from .values import WIDGET
 
 # What a mesh remembers of the value that it was made of: its hash.
@@ -30,9 +31,6 @@ PATIENCE = 0.15
 LOOK = 0.1
 
 AXES = {"upright": math.pi / 2, "sensor": -math.pi / 2}
-
-# What an object can be given as.
-TYPES = ("Mesh", "Points", "Curve")
 
 
 class MaquetteInput(bpy.types.PropertyGroup):
@@ -128,11 +126,6 @@ _counted, _count = 0.0, 0
 
 # Seconds between two counts: Blender tells of most new objects, and to count thousands takes milliseconds.
 COUNT = 1.0
-
-
-def key(owner: bpy.types.Object) -> int:
-    """What an object is known by while it lives, undo included."""
-    return owner.session_uid if hasattr(owner, "session_uid") else hash(owner.name_full)
 
 
 def state(owner: bpy.types.Object) -> State:
@@ -383,7 +376,7 @@ def _run(owner: bpy.types.Object, it: State) -> None:
     for its in it.loaded["inputs"]:
         name = its["name"]
         if name in given and (name in it.stale or it.sent.get(name) != key(given[name])):
-            _send_input(owner, it, name, its["type"], given[name])
+            inputs.send(owner, it, name, its["type"], given[name])
     if it.loaded is None:
         # The engine was replaced.
         return
@@ -411,11 +404,16 @@ def _run(owner: bpy.types.Object, it: State) -> None:
         lambda event: _told(it, event),
         graph=now[0],
         roots=engine.roots(),
-        set={name: text for name, text in values.kept(owner).items() if values.is_known(name, it.loaded)} | (it.frame or {}),
+        set=_settings(owner, it),
         inputs=it.inputs,
         want=[{"value": owner.maquette.output, "as": "mesh"}],
         slot=str(uid),
     )
+
+
+def _settings(owner: bpy.types.Object, it: State) -> dict[str, str]:
+    """The values of parameters in the current frame."""
+    return {name: text for name, text in values.kept(owner).items() if values.is_known(name, it.loaded)} | (it.frame or {})
 
 
 def _told(it: State, event: dict[str, Any]) -> None:
@@ -480,7 +478,7 @@ def _ask_materials(owner: bpy.types.Object, it: State, told: dict[str, Any], for
         None,
         graph=graph_path(owner),
         roots=engine.roots(),
-        set=values(owner),
+        set=_settings(owner, it),
         inputs=it.inputs,
         want=[{"value": output, "as": form}],
         slot=f"{uid} materials",
@@ -559,7 +557,7 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
         by_hand.remember(mesh)
         it.may_lose = False
         mesh[SHOWN] = told["hash"]
-        owner.maquette.lost = _lost(owner, told)
+        owner.maquette.lost = inputs.lost(owner, it, told)
     if told["axes"] != owner.maquette.axes:
         # Not its matrix in the world: that is not evaluated yet where a script has placed the object a moment ago.
         owner.matrix_basis = owner.matrix_basis @ turn
@@ -573,81 +571,9 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
         state(other).stale |= {its.name for its in other.maquette.inputs if its.object == owner and other != owner}
 
 
-def _lost(owner: bpy.types.Object, told: dict[str, Any]) -> str:
-    """What of the objects at inputs was not given, and what of it is not in the value, in lines for people."""
-    sources, lines = state(owner).sources, []
-    for its in owner.maquette.inputs:
-        if its.object and its.name in sources and sources[its.name].lost:
-            lines.append(f"{its.name}: {its.object.name} is given without {', '.join(sources[its.name].lost)}")
-    gone = returned.lost(told, owner.data)
-    return "\n".join([*lines, *([f"not in {owner.maquette.output}: {', '.join(gone)}"] if gone else [])])
-
-
 def _placed(owner: bpy.types.Object) -> None:
     """It lies elsewhere, and so do the objects at its inputs relative to it."""
     state(owner).stale |= {its.name for its in owner.maquette.inputs}
-
-
-def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given: bpy.types.Object) -> None:
-    """Gives the mesh of an object to the engine, its modifiers included, as it lies relative to the live one."""
-    # The files of what is on its way are the engine's.
-    if engine.client().folder is None or name in it.sending:
-        return
-    it.stale.discard(name)
-    it.sent[name] = key(given)
-    why = _unfit(owner, kind, given)
-    given_as: dict[str, Any] = {}
-    if not why:
-        try:
-            given_as = _given(owner, f"in-{key(owner)}-{name}-", kind, given)
-        except ValueError as error:
-            why = f"{given.name} {error}"
-        except OSError as error:
-            if engine.go_to_disk():
-                return
-            why = f"there is no room for {given.name}: {error}; free space, and press Reload"
-    if why:
-        it.inputs.pop(name, None)
-        it.unfit[name] = f"{name}: {why}"
-        return
-    it.unfit.pop(name, None)
-    it.sending.add(name)
-
-    def done(answer: Answer) -> None:
-        it.sending.discard(name)
-        if answer.ok:
-            it.inputs[name] = answer["value"]
-        else:
-            it.inputs.pop(name, None)
-            it.unfit[name] = f"{name}: {answer.why}"
-
-    it.sources[name] = given_as.pop("source", None) or Source()
-    engine.client().ask("input", done, None, type=kind, **given_as)
-
-
-def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
-    """Why an object cannot be given, whatever its mesh."""
-    if kind not in TYPES:
-        return f"it takes a value of the type {kind}, and an object can be given as {', '.join(TYPES[:-1])} or {TYPES[-1]} only"
-    found, left = set(), [given]
-    while left:
-        its = left.pop()
-        if its == owner:
-            return f"{given.name} is made of {owner.name} itself" if given != owner else f"{owner.name} cannot be made of itself"
-        if its not in found:
-            found.add(its)
-            left += [one.object for one in its.maquette.inputs if one.object]
-    return ""
-
-
-def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> dict[str, Any]:
-    """Puts what an object has into files and describes them; `ValueError` says what it is not."""
-    folder = engine.client().folder
-    assert folder
-    first = MAX_VERTICES * next((at for at, its in enumerate(owner.maquette.inputs) if its.object == given), 0)
-    place = space.applied(owner.data).inverted_safe() @ evaluated.place(owner).inverted_safe()
-    fields, source = from_object.fields(place, start, kind, given, folder, first)
-    return {**fields, "source": source}
 
 
 @persistent

@@ -490,7 +490,7 @@ def test_8_attributes_of_one_name_on_vertices_corners_and_faces_are_all_shown_bi
     live, rows = module("live"), {"vertex": 8, "corner": 24, "face": 6}
     owner = live.add(str(tmp_path / "moved.ron"), bpy.context)
     until(lambda: "it" in owner.maquette.inputs)
-    before = live._given
+    before = module("inputs").columns
     numbers = {
         (name, on): (np.arange(rows[on]) + 16777217).astype(np.uint32) if name == "label" else (np.arange(rows[on]) / np.float32(7)).astype(np.float32)
         for name in ("label", "heat", "position", "material_index", "edges", "long " * 20)
@@ -508,7 +508,7 @@ def test_8_attributes_of_one_name_on_vertices_corners_and_faces_are_all_shown_bi
             found["columns"].append({"name": name, "on": on, "meaning": meaning, "width": 1, "type": kind, "file": file})
         return found
 
-    monkeypatch.setattr(live, "_given", given)
+    monkeypatch.setattr(module("inputs"), "columns", given)
 
     def shown(wanted: dict[tuple[str, str], str]) -> None:
         """Waits for what comes of them, and looks at each."""
