@@ -89,7 +89,7 @@ editors:
     bash hosts/neovim/test
     bash hosts/vscode/test
 
-# Batches handed to real engines: OpenJD, Slurm, HyperQueue and GNU parallel; results shared by nginx and moto. They come from PyPI and Debian.
+# Batches handed to real engines: OpenJD, Slurm, HyperQueue, GNU parallel and make; results shared by nginx and moto. They come from PyPI and Debian.
 farm *args:
     bash tests/farm/run {{args}}
 

@@ -11,6 +11,9 @@ end
 file:close()
 vim.cmd("filetype on")
 assert(loadstring(blocks[is_new and 1 or 2]))()
+-- The folder that the first block names.
+vim.opt.runtimepath:append(vim.env.HERE)
+vim.cmd("syntax on | runtime! ftdetect/ron.vim | filetype plugin on")
 
 local function read(name)
   local opened = assert(io.open(name, "rb"))
@@ -251,6 +254,39 @@ test("formatting is that of fmt", function()
   vim.lsp.util.apply_text_edits(edits, vim.api.nvim_get_current_buf(), client.offset_encoding)
   local got = table.concat(vim.api.nvim_buf_get_lines(0, 0, -1, true), "\n")
   same(vim.trim(got), vim.trim(read("crooked.ron")))
+end)
+
+-- The group of what stands at the first letter of a text.
+local function color(text)
+  for row, line in ipairs(vim.api.nvim_buf_get_lines(0, 0, -1, true)) do
+    local column = line:find(text, 1, true)
+    if column then return vim.fn.synIDattr(vim.fn.synID(row, column, 1), "name") end
+  end
+  error("there is no " .. text)
+end
+
+test("comments and colors are those of RON", function()
+  open("doll.ron", table.concat({
+    "Graph(",
+    "    // One.",
+    '    nodes: { "nose"/* c */: Label(mask: "red", within: -inf, /* a /* b */ two */ at: 1.5_f32, is: true) },',
+    "    lift: Expr(",
+    '        "growth * 2',
+    '         + max(mm(3), 1e1_0)"), side: Left, of: br##"raw"# // no"##, last: mm(0xFFu8), key: Param("x"),',
+    ")",
+  }, "\n"))
+  same(vim.bo.commentstring, "// %s")
+  same(vim.bo.syntax, "ron")
+  local wanted = {
+    ["Graph"] = "ronFile", ["// One"] = "ronComment", ["nodes"] = "ronField", ['"nose"'] = "ronKey", ["Label"] = "ronType",
+    ['"red"'] = "ronText", ["-inf"] = "ronConstant", ["two */"] = "ronBlock", ["1.5_f32"] = "ronNumber", ["true"] = "ronConstant",
+    ["Expr"] = "ronKeyword", ["growth"] = "ronVariable", ["* 2"] = "ronOperator", ["max"] = "ronFunction", ["mm(3"] = "ronUnit",
+    ["1e1_0"] = "ronNumber", ["side"] = "ronField", ["Left"] = "ronChoice", ["br##"] = "ronRaw", ["// no"] = "ronRaw", ["last"] = "ronField",
+    ["0xFFu8"] = "ronNumber", ["Param"] = "ronKeyword",
+  }
+  local got = {}
+  for text in pairs(wanted) do got[text] = color(text) end
+  same(got, wanted)
 end)
 
 local function median(body)

@@ -3,7 +3,10 @@ const { execFile } = require("node:child_process");
 const { homedir } = require("node:os");
 const { isAbsolute, join } = require("node:path");
 const { commands, env, UIKind, Uri, ViewColumn, window, workspace } = require("vscode");
-const { LanguageClient } = require("vscode-languageclient/node");
+const { LanguageClient, RevealOutputChannelOn } = require("vscode-languageclient/node");
+
+/** The commands of the server that are in the palette. */
+const COMMANDS = ["maquette.run", "maquette.watch", "maquette.stop"];
 
 /** How long a program may take to say that it has a language server, in milliseconds. */
 const PATIENCE = 10_000;
@@ -12,6 +15,8 @@ const PATIENCE = 10_000;
 let told;
 /** @type {LanguageClient | undefined} */
 let client;
+/** Commands that say why there is no server, while there is none. @type {import("vscode").Disposable[]} */
+let excuses = [];
 /** One start or stop after the other. */
 let turn = Promise.resolve();
 
@@ -42,6 +47,7 @@ const restart = () => next(async () => {
 });
 
 async function stop() {
+  excuses.splice(0).forEach((excuse) => excuse.dispose());
   const old = client;
   client = undefined;
   // A server that has ended by itself is as good as stopped.
@@ -55,8 +61,7 @@ async function start() {
   const program = found(settings().get("path") || "maquette", folder);
   const why = await refusal(program, folder);
   if (why) {
-    // Nobody waits for the answer: the editor goes on without a server.
-    complain(why);
+    excuse(why);
     return;
   }
   client = new LanguageClient(
@@ -68,6 +73,8 @@ async function start() {
       // What commands tell is shown here: the server need not tell it once more.
       initializationOptions: { ...settings(), shows: true },
       synchronize: { configurationSection: "maquette" },
+      // What commands tell has an output of its own.
+      revealOutputChannelOn: RevealOutputChannelOn.Never,
       middleware: {
         executeCommand: run,
         // The page that a command has opened is opened beside the text, by its answer.
@@ -75,7 +82,14 @@ async function start() {
       },
     },
   );
-  await client.start().catch((error) => complain(`${program} did not start: ${error.message}`));
+  await client.start().catch((error) => excuse(`${program} did not start: ${error.message}`));
+}
+
+/** Says why there is no server, and again for each command. @param {string} why */
+function excuse(why) {
+  excuses = COMMANDS.map((command) => commands.registerCommand(command, () => complain(why)));
+  // Nobody waits for the answer: the editor goes on without a server.
+  complain(why);
 }
 
 /**

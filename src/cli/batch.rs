@@ -1,6 +1,6 @@
 //! `maquette batch`: one graph over many scans and many values.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -8,7 +8,6 @@ use clap::Args;
 use maquette_engine::eval::Observer;
 use maquette_engine::session::Session;
 use maquette_golden::sweep::Sweep;
-use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
 use maquette_syntax::error::Problem;
@@ -21,17 +20,19 @@ use super::events::{EventFormat, Events, Listener};
 use super::openjd::JobProgress;
 use super::replay::ProvenanceOptions;
 use super::{
-    Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_document, print_json,
-    put_problems, report,
+    Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_json, put_problems,
+    report,
 };
 use crate::Shown;
 use crate::tasks as batch;
 use crate::tasks::{
-    Batch as Tasks, Ended, Engine, Handover, Hearer, JobParameter, Record, Running, State,
-    at_a_time, default_folder,
+    Batch as Tasks, Ended, Hearer, Record, Running, State, at_a_time, default_folder,
 };
 
+mod farm;
 mod summary;
+
+use farm::FarmOptions;
 
 /// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
 #[derive(Args)]
@@ -48,16 +49,16 @@ pub(crate) struct Batch {
     /// The folder of results; `out/SWEEP` if left out, `out/SWEEP-draft` with --draft.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How many tasks to run at a time, each with its share of --memory.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    jobs: u16,
+    /// How many tasks to run at a time, each with its share of --memory; of a farm, how many jobs [default: 1, or as the farm has it].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
     /// Run what failed again, though nothing has changed.
     #[arg(long)]
     retry: bool,
     /// Only say what would run, and why.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// Run these tasks alone, counted from 0, and make no contact sheet: as a farm does.
+    /// Run these tasks alone, counted from 0, as a farm does. The last one that was handed over makes the contact sheet.
     #[arg(long, value_name = "I|FIRST-LAST", value_parser = range, conflicts_with_all = ["dry_run", "report", "emit"])]
     task: Option<(usize, usize)>,
     /// Run only if the tasks are still those that were handed over under this hash, as `--emit` writes it into each job.
@@ -69,10 +70,8 @@ pub(crate) struct Batch {
     /// Run nothing: make the contact sheet of the records that are there, and fail unless all tasks are done.
     #[arg(long, conflicts_with_all = ["dry_run", "emit"])]
     report: bool,
-    /// Print what hands the tasks to this engine, and write their list into OUT/tasks/@handovers. Its jobs run only while the tasks are those of
-    /// the list.
-    #[arg(long, value_name = "ENGINE", conflicts_with = "dry_run")]
-    emit: Option<Engine>,
+    #[command(flatten)]
+    farm: FarmOptions,
     /// How many threads to use; 0 is all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -142,9 +141,11 @@ impl Batch {
             options: &options,
             signs: self.provenance.signs(),
             retries: self.retry,
+            time_limit: self.farm.time_limit,
+            handover: self.handover.as_deref(),
             is_forecast: self.dry_run,
         };
-        if let Some(engine) = self.emit {
+        if let Some(engine) = self.farm.emit {
             return self.emit(engine, &tasks, catalog);
         }
         // The page is made of a changed list, too, and its changes are reported then.
@@ -155,22 +156,28 @@ impl Batch {
         if let Err(why) = handover {
             return Exit::Usage(why);
         }
-        let all = 0..sweep.tasks.len();
-        let wanted = match self.task {
-            _ if self.warm => vec![0],
-            None => all.collect(),
-            Some((_, last)) if !all.contains(&last) => {
-                let most = sweep.tasks.len() - 1;
-                return Exit::Usage(format!(
-                    "there is no task {last}: they are counted from 0 to {most}"
-                ));
-            }
-            Some((first, last)) => (first..=last).collect(),
+        let wanted = match self.wanted(sweep.tasks.len()) {
+            Ok(wanted) => wanted,
+            Err(why) => return Exit::Usage(why),
         };
         if self.dry_run {
             return self.forecast(&tasks, &problems, catalog);
         }
         self.work(&tasks, &wanted, &problems, catalog, start)
+    }
+
+    /// The numbers of the tasks to run, of all that there are.
+    fn wanted(&self, tasks: usize) -> Result<Vec<usize>, String> {
+        let Some((first, last)) = self.task.filter(|_| !self.warm) else {
+            return Ok(Vec::from_iter(0..if self.warm { 1 } else { tasks }));
+        };
+        let chunk = self.farm.chunk();
+        let most = tasks.div_ceil(chunk).saturating_sub(1);
+        if most < last {
+            let what = if chunk == 1 { "task" } else { "chunk" };
+            return Err(format!("there is no {what} {last}: they are counted from 0 to {most}"));
+        }
+        Ok(Vec::from_iter(first * chunk..tasks.min((last + 1) * chunk)))
     }
 
     /// The text of the sweep, and where it stands: for a graph it is made of the options.
@@ -200,65 +207,6 @@ impl Batch {
         }
         let beside = self.file.with_extension("sweep.ron");
         Ok((beside, batch::text_of(&self.file, self.scans.as_deref(), &self.values)?))
-    }
-
-    fn emit(&self, engine: Engine, tasks: &Tasks<'_>, catalog: &Catalog) -> Exit {
-        let folder = match std::env::current_dir() {
-            Ok(folder) => folder.display().to_string(),
-            Err(error) => return Exit::Usage(format!("there is no current folder: {error}")),
-        };
-        let hash = match tasks.hand_over() {
-            Ok(hash) => hash,
-            Err(why) => return Exit::Usage(why),
-        };
-        let sweep = tasks.sweep;
-        let name = sweep.source.name.file_stem().unwrap_or_default().to_string_lossy();
-        let words = [self.words(), vec!["--handover".into(), hash]].concat();
-        let parameters = match engine {
-            Engine::Openjd => self.job_parameters(sweep, catalog),
-            Engine::Slurm | Engine::Hq | Engine::Lines => Vec::new(),
-        };
-        let (words, parameters, tasks) = (&words[..], &parameters[..], sweep.tasks.len());
-        let handover = Handover { name: &name, words, parameters, tasks, folder: &folder };
-        print_document(&handover.to(engine));
-        Exit::Done
-    }
-
-    /// The parameters of the graph that neither this command nor the sweep sets.
-    fn job_parameters(&self, sweep: &Sweep, catalog: &Catalog) -> Vec<JobParameter> {
-        let options = self.options.all();
-        let checked = Graph::load(&sweep.graph, catalog, &options);
-        let Some(graph) = checked.graph.or(checked.partial) else { return Vec::new() };
-        let swept = sweep.tasks.iter().flat_map(|task| &task.row.set).map(|set| &set.target[..]);
-        let set = options.set.iter().map(|(name, _)| &name[..]).chain(swept).collect();
-        JobParameter::all(&graph, &set, options.draft)
-    }
-
-    /// The words of this command, without those that say which tasks.
-    fn words(&self) -> Vec<String> {
-        let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
-        let mut words = vec![program, "batch".into(), in_project(&self.file)];
-        let mut add = |name: &str, value: &str| words.extend([name.to_owned(), value.to_owned()]);
-        for (name, values) in &self.values {
-            add("--sweep", &format!("{name}={values}"));
-        }
-        if let Some(scans) = &self.scans {
-            add("--scans", scans);
-        }
-        if let Some(out) = &self.out {
-            add("--out", &in_project(out));
-        }
-        if self.threads != 0 {
-            add("--threads", &self.threads.to_string());
-        }
-        if self.retry {
-            words.push("--retry".into());
-        }
-        words.extend(self.options.all().words());
-        words.extend(self.options.no_pins.then(|| "--no-pins".to_owned()));
-        words.extend(self.cache.words());
-        words.extend(self.provenance.words());
-        words
     }
 
     /// One of so many sessions that work at the same time.
@@ -302,7 +250,7 @@ impl Batch {
         };
         let is_openjd = self.events == Some(EventFormat::Openjd);
         let teller = Teller::new(tasks.sweep, self.json, self.events, is_openjd.then_some(&job));
-        let jobs = at_a_time(usize::from(self.jobs), wanted.len());
+        let jobs = at_a_time(self.jobs.map_or(1, usize::from), wanted.len());
         let ended = tasks.run_all(
             wanted,
             &Running {
@@ -320,6 +268,14 @@ impl Batch {
         }
         if cancel.is_cancelled() {
             return Exit::Interrupted;
+        }
+        // The page is not what a job was asked for.
+        if self.task.is_some()
+            && self.handover.is_some()
+            && tasks.have_all_ended()
+            && let Err(why) = tasks.write_sheet()
+        {
+            eprint(&format!("warning: {why}\n"));
         }
         let is_whole = self.task.is_none() && !self.warm;
         let sheet = if is_whole { Some(tasks.write_sheet()) } else { None };
@@ -349,13 +305,6 @@ impl Batch {
         }
         if failed == 0 || self.warm { Exit::Done } else { Exit::Failed }
     }
-}
-
-/// A path as jobs have it: from the current folder, which is another one on other machines, if it is in there.
-fn in_project(path: &Path) -> String {
-    let folder = std::env::current_dir().unwrap_or_default();
-    let inner = path.strip_prefix(folder).ok().filter(|inner| !inner.as_os_str().is_empty());
-    inner.unwrap_or(path).display().to_string()
 }
 
 /// A task that came to its end, as `--json` and `--events` have it.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::ops::{Deref, DerefMut};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
@@ -80,17 +80,21 @@ impl CacheOptions {
 
     /// The words that say where results are kept, and how much memory may be used.
     pub(super) fn words(&self) -> Vec<String> {
+        // It is read from another folder than this program's own.
+        self.words_for(|folder| {
+            std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).display().to_string()
+        })
+    }
+
+    /// The same with a way to write the folder.
+    pub(super) fn words_for(&self, folder_in_words: impl Fn(&Path) -> String) -> Vec<String> {
         let mut words = match (&self.folder, self.no_cache) {
             (_, true) => vec!["--no-cache".into()],
-            (Some(folder), _) => {
-                // It is read from another folder than this program's own.
-                let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.clone());
-                vec!["--cache".into(), folder.display().to_string()]
-            }
+            (Some(folder), _) => vec!["--cache".into(), folder_in_words(folder)],
             (None, _) => Vec::new(),
         };
         // Words are shown, passwords are not.
-        if let Some(server) = self.cache_remote.as_ref().filter(|server| !server.contains('@')) {
+        if let Some(server) = self.cache_remote.as_ref().filter(|_| !self.hides_server()) {
             words.extend(["--cache-remote".into(), server.clone()]);
         }
         if self.memory != DEFAULT_MEMORY {
@@ -100,6 +104,14 @@ impl CacheOptions {
             words.extend(["--max-memory".into(), format!("{most}B")]);
         }
         words
+    }
+
+    /// Returns true if the words leave the server out, because its URL has a name or a password.
+    pub(super) fn hides_server(&self) -> bool {
+        self.cache_remote.as_ref().is_some_and(|server| {
+            let rest = server.split_once("://").map_or(&server[..], |(_, rest)| rest);
+            rest.split(['/', '?', '#']).next().is_some_and(|host| host.contains('@'))
+        })
     }
 
     fn settings(&self, threads: usize) -> Settings {
@@ -194,6 +206,17 @@ mod tests {
         let again = ["--no-cache", "--memory", "1500000000B", "--max-memory", "4000000000B"];
         assert_eq!(said, again);
         assert_eq!(words(&again), again);
+    }
+
+    #[test]
+    fn a_password_is_no_word() {
+        let remote = |url: &str| Words::parse_from(["maquette", "--cache-remote", url]).cache;
+        for hidden in ["http://me:secret@host/x", "http://me@host"] {
+            assert!(remote(hidden).hides_server() && remote(hidden).words().is_empty(), "{hidden}");
+        }
+        for shown in ["http://host/a@b", "s3://bucket/a@b", "http://host:8080/x"] {
+            assert_eq!(remote(shown).words(), ["--cache-remote", shown]);
+        }
     }
 
     #[test]

@@ -10,6 +10,8 @@ mod batch;
 mod cache;
 mod caching;
 mod check;
+#[cfg(target_os = "linux")]
+mod closed_stdout;
 mod compare;
 mod completions;
 mod condition;

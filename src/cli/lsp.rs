@@ -30,6 +30,11 @@ impl Lsp {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
+        if self.cache.hides_server() {
+            eprint(
+                "warning: --cache-remote has a name or a password, and is left out of runs\n  = help: set MAQUETTE_CACHE_REMOTE instead\n",
+            );
+        }
         let program = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("maquette"));
         let (connection, threads) = match maquette_lsp::stdio(self.log.as_deref()) {
             Ok(opened) => opened,

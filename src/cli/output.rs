@@ -62,6 +62,10 @@ pub(crate) fn print_document(text: &str) {
 pub(crate) fn print_as_it_is(text: &str) {
     let mut stdout = io::stdout().lock();
     let mut failed = first_stdout_error();
+    #[cfg(target_os = "linux")]
+    if failed.is_none() && crate::closed_stdout::was_closed() && !text.is_empty() {
+        *failed = Some(io::Error::from_raw_os_error(libc::EBADF));
+    }
     if failed.is_none() {
         // What stays in the buffer would be lost without a word.
         *failed = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).err();

@@ -99,10 +99,7 @@ fn extracted_from(
     let work = Work { judge, known: &known, set: &set, border: &border, new: &names };
     let (new, file) = work.done().map_err(refused)?;
     let file = formatted(&names.path, &file)?;
-    let file = match Ends::of(text) {
-        Some(Ends::Windows) => Ends::Windows.put(file),
-        _ => file,
-    };
+    let file = Ends::of(text).unwrap_or(Ends::Unix).put(file);
     let New { kind, name, path: to, given } = names;
     let inside = options.clone().with_text(folder_of(path).join(given), file.clone());
     if before != (Judge { path, catalog, options: &inside }).computed(&new)? {

@@ -36,10 +36,7 @@ pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
         return Err(syntax_problems(name, text, mistakes));
     }
     let ends = Ends::of(text);
-    let plain = match ends {
-        Some(Ends::Windows) => text.replace("\r\n", "\n"),
-        _ => text.to_owned(),
-    };
+    let plain = ends.map_or_else(|| text.to_owned(), |ends| ends.plain(text));
     let form = Printer::default().file(&Parts::new(&commas_behind(&plain)).file());
     if inventory(&plain) == inventory(&form) {
         return Ok(ends.unwrap_or(Ends::Unix).put(form));

@@ -62,7 +62,7 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
         false => Ends::of(texts[1]),
     };
     let own = |text: &str| match ends {
-        Some(_) => text.replace("\r\n", "\n"),
+        Some(_) => Ends::of(text).unwrap_or(Ends::Windows).plain(text),
         None => text.to_owned(),
     };
     let texts = texts.map(own);

@@ -4,22 +4,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, KnownInputs, Options};
+use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use maquette_node::CancelToken;
-use maquette_node::pack::{NewFile, Pack};
-use maquette_node::provenance::{Provenance, Signature};
+use maquette_node::pack::Pack;
 use maquette_remote::Exchange;
-use maquette_syntax::error::{Error, Problem, Severity, code};
-use maquette_syntax::{unknown, with_article};
-use maquette_value::{AnyValue, Value};
+use maquette_syntax::error::{Problem, Severity, code};
+use maquette_syntax::unknown;
 
-use crate::eval::Remembered;
-use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace};
-use crate::eval::{explanation, start_threads};
+use crate::eval::{Disk, Evaluator, Observer, start_threads};
 use crate::expect;
-use crate::expect::Violation;
 
 mod elements;
+mod finished;
+mod forecasts;
 mod inputs;
 mod made;
 mod outputs;
@@ -28,6 +25,7 @@ mod provenance;
 mod settings;
 mod verdicts;
 
+pub use finished::{Finished, Produced};
 pub use made::ReadFiles;
 pub use outputs::Left;
 pub use outputs::{OutputFolder, SaveError, Written, save};
@@ -159,18 +157,6 @@ impl Session {
         inputs::read(self, graph, files)
     }
 
-    /// What is known of these values without reading large files, for a forecast.
-    ///
-    /// # Errors
-    /// As [`read_inputs`](Self::read_inputs).
-    pub fn known_inputs(
-        &self,
-        graph: &Graph,
-        files: &[(String, PathBuf)],
-    ) -> Result<(KnownInputs, Vec<Problem>), Vec<Problem>> {
-        inputs::known(self, graph, files)
-    }
-
     /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
     ///
     /// # Errors
@@ -294,55 +280,6 @@ impl Session {
         folder.recall(&self.evaluator);
     }
 
-    /// What each node would do if these outputs, all if none is named, were made in a folder now, and why. The graph is one as it is
-    /// [last known](Self::as_last_known). Large files are not read: what depends on one that is not known may run.
-    pub fn dry_run(
-        &mut self,
-        graph: &Graph,
-        only: &[String],
-        folder: &OutputFolder,
-    ) -> Result<Vec<Forecast>, String> {
-        let outputs = outputs_of(graph, only)?;
-        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
-        let expected = expected_of(graph, &nodes, only);
-        nodes.extend(expect::nodes_of(&expected));
-        let (_, open) = self.unjudged(graph, &expected);
-        let (catalog, evaluator) = (&self.catalog, &mut self.evaluator);
-        let mut values = folder.nodes_to_write_by_stamps(&outputs, graph, catalog, evaluator);
-        values.extend(expect::nodes_of(&open));
-        Ok(self.evaluator.forecast(graph, &nodes, &values))
-    }
-
-    /// What these nodes, and each that they need, would do if their values were wanted now, and why. The values of which something is
-    /// expected are needed themselves, if they are not known to be so.
-    pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
-        let needed = graph.shape().needed_by(nodes);
-        let (_, open) = self.unjudged(graph, &graph.expected(nodes));
-        let mut values = expect::nodes_of(&open);
-        values.retain(|&node| needed[node]);
-        values.extend(nodes);
-        self.evaluator.forecast(graph, nodes, &values)
-    }
-
-    /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is
-    /// [last known](Self::as_last_known).
-    pub fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
-        self.evaluator.remembered(graph)
-    }
-
-    /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in
-    /// words, a line or more for each. None if the graph has no such node.
-    pub fn why(&mut self, graph: &Graph, name: &str) -> Option<String> {
-        let graph = &self.as_last_known(graph);
-        let nodes = graph.nodes_of(name);
-        let forecasts = self.forecast(graph, &nodes);
-        let told = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
-        let open = graph.open_loop(name).map(|open| {
-            format!("how many elements `{}` has is known when the graph has been run\n", open.name)
-        });
-        (!nodes.is_empty() || open.is_some()).then(|| told.chain(open).collect())
-    }
-
     /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them
     /// fails. Its outputs become files in the preferred formats of their types.
     ///
@@ -353,21 +290,6 @@ impl Session {
             return Ok(graph.clone());
         }
         graph.with_inputs(inputs, &self.catalog)
-    }
-
-    /// The same for a forecast, with what is [known](Self::known_inputs) of the values.
-    ///
-    /// # Errors
-    /// As [`fed`](Self::fed).
-    pub fn fed_with_known(
-        &self,
-        graph: &Graph,
-        inputs: &KnownInputs,
-    ) -> Result<Graph, Vec<Problem>> {
-        if inputs.is_empty() && graph.inputs().is_empty() {
-            return Ok(graph.clone());
-        }
-        graph.with_known_inputs(inputs, &self.catalog)
     }
 
     /// Runs something on the session's threads.
@@ -514,124 +436,4 @@ fn places(
         nodes.extend(found);
     }
     if problems.is_empty() { Ok(nodes) } else { Err(problems) }
-}
-
-/// What a run gave.
-pub struct Finished {
-    graph: Graph,
-    evaluation: Evaluation,
-    pub violations: Vec<Violation>,
-}
-
-impl Finished {
-    /// The value of an output, a node (its first output) or an output of a node, `node.output`, if it was wanted and did not fail.
-    pub fn value(&self, name: &str) -> Option<&AnyValue> {
-        let (node, output) = self.graph.value_named(name)?;
-        self.evaluation.value(node, output)
-    }
-
-    /// The same as a value of the type `T`.
-    ///
-    /// # Errors
-    /// In words: there is no such value, or it is of another type.
-    pub fn get<T: Value>(&self, name: &str) -> Result<&T, String> {
-        let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
-        let kind = with_article(value.kind().name);
-        value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
-    }
-
-    /// The value at this node and output of the graph that was run.
-    pub fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
-        self.evaluation.value(node, output)
-    }
-
-    /// The value of this output of this node, or of a use of a graph, whatever outputs of the graph are called the same; if it was
-    /// wanted and did not fail.
-    pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
-        self.evaluation.find(&self.graph, node, output)
-    }
-
-    /// The values of all outputs of a node, if they are all there.
-    pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
-        let node = self.graph.find(name)?;
-        let outputs = 0..self.graph.nodes()[node].outputs.len();
-        outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
-    }
-
-    /// The files that an output of the graph would be written to, all in one folder; none if its value is not there.
-    ///
-    /// # Errors
-    /// If the value cannot be written in the output's format.
-    pub fn files(&self, output: &str) -> Option<Result<Vec<NewFile>, Error>> {
-        let output = self.graph.outputs().iter().find(|known| known.name == output)?;
-        self.evaluation.files(output, None)
-    }
-
-    /// Where an output of the graph, which was wanted, comes from.
-    pub fn provenance(&self, output: &GraphOutput, catalog: &Catalog) -> Provenance {
-        let teller = Teller::new(&self.graph, catalog);
-        teller.provenance(output, |node| self.evaluation.read_by(node))
-    }
-
-    /// The files of an output, signed; none if its value is not there.
-    pub fn signed_files(
-        &self,
-        output: &GraphOutput,
-        signature: Option<&Signature>,
-    ) -> Option<Result<Vec<NewFile>, Error>> {
-        self.evaluation.files(output, signature)
-    }
-
-    /// What happened to each node, each after those that it hangs on.
-    pub fn trace(&self) -> RunTrace {
-        self.evaluation.trace()
-    }
-
-    /// What failed, what nodes warn of, and what the graph expects that does not hold; also nodes of unknown types that something
-    /// wanted hangs on.
-    pub fn problems(&self) -> Vec<Problem> {
-        let violations = self.violations.iter().map(|violation| violation.problem.clone());
-        self.evaluation.unknown().chain(self.failures()).chain(violations).collect()
-    }
-
-    /// What failed, and what nodes warn of.
-    pub fn failures(&self) -> Vec<Problem> {
-        self.evaluation.problems()
-    }
-
-    /// What of these expectations does not hold.
-    pub fn judged(&self, expected: &[&Expected]) -> Vec<Violation> {
-        expect::violations(&self.graph, self.evaluation.by_place(), expected)
-    }
-
-    /// The graph that was run, with its inputs.
-    pub fn graph(&self) -> &Graph {
-        &self.graph
-    }
-}
-
-/// What became of outputs that were to be written.
-pub struct Produced {
-    evaluation: Evaluation,
-    /// The files of the outputs that are right now, those that were before included.
-    pub written: Vec<Written>,
-    /// Whether every file could be written whose value is there.
-    pub complete: bool,
-    /// Whether something failed for want of memory or disk space, or because a file could not be read or written: the same run may
-    /// succeed another time.
-    pub may_pass: bool,
-    /// What failed, what nodes warn of, what does not hold, and what could not be written.
-    pub problems: Vec<Problem>,
-}
-
-impl Produced {
-    /// What happened to each node, each after those that it hangs on.
-    pub fn trace(&self) -> RunTrace {
-        self.evaluation.trace()
-    }
-
-    /// How long reading the files of nodes took, in seconds, on all threads together.
-    pub fn seconds_of_files(&self) -> f64 {
-        self.evaluation.seconds_of_files()
-    }
 }

@@ -6,6 +6,7 @@ use maquette_value::ValueType;
 
 use super::check::Check;
 use super::needs::Needs;
+use super::splice::newline;
 use crate::definition::{Draft, What};
 
 /// What stands at a span becomes the text.
@@ -55,9 +56,12 @@ impl Check<'_, '_> {
         user: &Draft,
     ) -> Option<Vec<Edit>> {
         let (source, at) = self.sheet.place(user.name.span);
-        let start = source.text.get(..at.start)?.rfind('\n').map_or(0, |newline| newline + 1);
+        let start = source.text.get(..at.start)?.rfind(['\n', '\r']).map_or(0, |end| end + 1);
         let indent = source.text.get(start..at.start)?;
-        let gap = if indent.trim().is_empty() { format!("\n{indent}") } else { " ".into() };
+        let gap = match indent.trim().is_empty() {
+            true => format!("{}{indent}", newline(&source.text, at.start)),
+            false => " ".into(),
+        };
         let name = format!("{}-{}", link.text.replace(['.', '/'], "-"), maker.to_lowercase());
         if drafts.iter().any(|draft| draft.name.text == name) {
             return None;

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette_syntax::error::Span;
-use maquette_syntax::{Body, Field, Kind, Token, Tree, tokens};
+use maquette_syntax::{Body, Ends, Field, Kind, Token, Tree, tokens};
 
 /// A text in place of a part of another.
 pub type Splice = (Span, String);
@@ -115,9 +115,13 @@ pub fn put_entry(
     vec![(at, format!("{newline}{indent}{},{newline}{outer}", write(&indent)))]
 }
 
-/// How the line before a place ends.
+/// How the line before a place ends; on the first line, how that one ends.
 pub fn newline(text: &str, at: usize) -> &'static str {
-    if text[..line_start(text, at)].ends_with("\r\n") { "\r\n" } else { "\n" }
+    if Ends::of(text) == Some(Ends::Mac) {
+        return "\r";
+    }
+    let end = text[..at].rfind('\n').or_else(|| text.find('\n'));
+    if end.is_some_and(|end| text[..end].ends_with('\r')) { "\r\n" } else { "\n" }
 }
 
 /// Lines in their canonical form behind so many columns, as they stand behind an indentation, with these ends. The first one has none
@@ -142,7 +146,7 @@ pub fn reindented(form: &str, columns: usize, indent: &str, newline: &str) -> St
 }
 
 fn line_start(text: &str, at: usize) -> usize {
-    text[..at].rfind('\n').map_or(0, |newline| newline + 1)
+    text[..at].rfind(['\n', '\r']).map_or(0, |newline| newline + 1)
 }
 
 /// Where what stands between the brackets of a value begins.

@@ -2,12 +2,13 @@
 
 use maquette_edit::real;
 use maquette_golden::suite::FileKind;
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::{Problem, Severity, Span};
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
 use super::checker::diagnostic;
 use super::commands::APPLY;
+use super::missing::additions;
 use super::outline::{self, Symbol};
 use super::params::range;
 use super::project::Texts;
@@ -41,19 +42,37 @@ impl Server {
             let is_own = |problem: &&Problem| {
                 real(&problem.source.name) == subject.path && *problem.source.text == *text
             };
-            for problem in
-                problems.iter().filter(is_own).filter(is_here).filter(|it| !it.fix.is_empty())
-            {
-                let edits =
-                    problem.fix.iter().map(|(span, new)| subject.lines.edit(*span, new.clone()));
-                let changes = json!({ &subject.uri.0: Vec::from_iter(edits) });
-                found.push(json!({
-                    "title": title(problem),
-                    "kind": "quickfix",
-                    "isPreferred": true,
-                    "diagnostics": [diagnostic(problem, self.client)],
-                    "edit": { "changes": changes },
-                }));
+            let library = self.library(&subject.path, &subject.options);
+            // A link to what depends on the node would be a cycle.
+            let errors = |all: &[Problem]| {
+                all.iter().filter(|problem| problem.severity == Severity::Error).count()
+            };
+            let is_better = |text: &str| {
+                let text = text.to_owned();
+                let left = kind.problems(&subject.path, text, &self.catalog, &subject.options);
+                errors(&left.0) < errors(&problems)
+            };
+            for problem in problems.iter().filter(is_own).filter(is_here) {
+                let mut fix = |title: String, edits: &[(Span, String)], is_only: bool| {
+                    let edits =
+                        edits.iter().map(|(span, new)| subject.lines.edit(*span, new.clone()));
+                    let changes = json!({ &subject.uri.0: Vec::from_iter(edits) });
+                    found.push(json!({
+                        "title": title,
+                        "kind": "quickfix",
+                        "isPreferred": is_only,
+                        "diagnostics": [diagnostic(problem, self.client)],
+                        "edit": { "changes": changes },
+                    }));
+                };
+                if !problem.fix.is_empty() {
+                    fix(title(problem), &problem.fix, true);
+                } else if let Some((span, texts)) = additions(&library, problem, is_better) {
+                    for text in texts {
+                        let title = format!("Write `{}`", short(text.trim_end_matches(", ")));
+                        fix(title, &[(span, text)], false);
+                    }
+                }
             }
         }
         // It is asked for by itself, as when a text is saved.

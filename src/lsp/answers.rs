@@ -171,7 +171,7 @@ impl Server {
                 "label": proposal.label,
                 "kind": kind,
                 "sortText": format!("{index:04}"),
-                "textEdit": { "range": range, "newText": inserted(&proposal.insert, snippets) },
+                "textEdit": { "range": range, "newText": subject.lines.with_ends(&inserted(&proposal.insert, snippets)) },
                 "insertTextFormat": if snippets && proposal.insert.contains("$0") { 2 } else { 1 },
             });
             // An editor compares what is typed with the label, unless something else is said.

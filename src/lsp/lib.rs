@@ -21,6 +21,7 @@ mod completion;
 mod hover;
 mod last;
 mod library;
+mod missing;
 mod outline;
 mod params;
 mod place;

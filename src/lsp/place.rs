@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use gen_lsp_types::{Position, PositionEncodingKind, Range, TextEdit, Uri};
 use line_index::{LineCol, LineIndex, TextSize, WideEncoding, WideLineCol};
+use maquette_syntax::Ends;
 use maquette_syntax::error::Span;
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
 
@@ -59,11 +60,33 @@ pub(super) struct Lines<'t> {
     text: &'t str,
     index: LineIndex,
     columns: Columns,
+    ends: Ends,
+}
+
+/// How most lines of a text end.
+fn most_ends(text: &str) -> Ends {
+    let windows = text.matches("\r\n").count();
+    let [feeds, returns] = ["\n", "\r"].map(|end| text.matches(end).count() - windows);
+    match feeds.max(windows).max(returns) {
+        most if feeds == most => Ends::Unix,
+        most if windows == most => Ends::Windows,
+        _ => Ends::Mac,
+    }
 }
 
 impl<'t> Lines<'t> {
     pub(super) fn new(text: &'t str, columns: Columns) -> Self {
-        Self { text, index: LineIndex::new(&with_line_feeds(text)), columns }
+        let ends = most_ends(text);
+        Self { text, index: LineIndex::new(&with_line_feeds(text)), columns, ends }
+    }
+
+    /// A text whose lines end as those of this text do.
+    pub(super) fn with_ends(&self, text: &str) -> String {
+        let is_plain = self.ends == Ends::Unix && !text.contains('\r');
+        match is_plain || !text.contains(['\n', '\r']) {
+            true => text.to_owned(),
+            false => self.ends.put(Ends::Mac.plain(&Ends::Windows.plain(text))),
+        }
     }
 
     pub(super) fn text(&self) -> &'t str {
@@ -100,28 +123,35 @@ impl<'t> Lines<'t> {
     }
 
     pub(super) fn edit(&self, span: Span, new_text: String) -> TextEdit {
-        TextEdit { range: self.range(span), new_text }
+        TextEdit { range: self.range(span), new_text: self.with_ends(&new_text) }
     }
 
-    /// The edit that makes of the text another one: what both begin and end with stays.
+    /// The edit that makes of the text another one: what both begin and end with stays, and all lines end alike if they did.
     pub(super) fn difference(&self, new: &str) -> Option<TextEdit> {
+        // A new file has the ends that it comes with.
+        let has_ends = self.text.contains(['\n', '\r']) && Ends::of(self.text).is_some();
+        let alike = has_ends.then(|| self.with_ends(new));
+        let new = alike.as_deref().unwrap_or(new);
         if self.text == new {
             return None;
         }
         let same = self.text.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
-        let start =
-            (0..=same).rfind(|&at| self.text.is_char_boundary(at) && new.is_char_boundary(at));
+        // Nobody can point between the two letters of a line's end.
+        let is_place = |text: &str, at: usize| {
+            text.is_char_boundary(at)
+                && !(text[..at].ends_with('\r') && text[at..].starts_with('\n'))
+        };
+        let start = (0..=same).rfind(|&at| is_place(self.text, at) && is_place(new, at));
         let start = start.unwrap_or(0);
         let (old_rest, new_rest) = (&self.text[start..], &new[start..]);
         let same =
             old_rest.bytes().rev().zip(new_rest.bytes().rev()).take_while(|(a, b)| a == b).count();
         let is_whole = |&at: &usize| {
-            old_rest.is_char_boundary(old_rest.len() - at)
-                && new_rest.is_char_boundary(new_rest.len() - at)
+            is_place(old_rest, old_rest.len() - at) && is_place(new_rest, new_rest.len() - at)
         };
         let same = (0..=same).rev().find(is_whole).unwrap_or(0);
-        let span = Span { start, end: self.text.len() - same };
-        Some(self.edit(span, new_rest[..new_rest.len() - same].to_owned()))
+        let range = self.range(Span { start, end: self.text.len() - same });
+        Some(TextEdit { range, new_text: new_rest[..new_rest.len() - same].to_owned() })
     }
 }
 
@@ -217,6 +247,24 @@ mod tests {
         assert_eq!(lines.difference("a\u{e4}b"), None);
         let edit = Lines::new("aa", Columns::Utf8).difference("aaa").unwrap();
         assert_eq!(edit.new_text, "a");
+    }
+
+    #[test]
+    fn an_edit_has_the_ends_of_the_lines_around_it() {
+        for end in ["\n", "\r\n", "\r"] {
+            let text = format!("a{end}b{end}");
+            let lines = Lines::new(&text, Columns::Utf16);
+            let edit = lines.edit(Span { start: 0, end: 1 }, "x\ny\r\nz\r".into());
+            assert_eq!(edit.new_text, format!("x{end}y{end}z{end}"));
+            let edit = lines.difference("a\nx\nb\n").unwrap();
+            assert_eq!(edit.new_text.replace(end, ""), "x");
+            assert_eq!(lines.difference("a\r\nb\n"), None);
+        }
+        let lines = Lines::new("a", Columns::Utf16);
+        assert_eq!(lines.edit(Span::default(), "\r\n".into()).new_text, "\n");
+        // No edit ends between the two letters of an end.
+        let edit = Lines::new("a\r\nb\nc", Columns::Utf16).difference("a\nb\nc").unwrap();
+        assert_eq!((edit.range.start.character, &edit.new_text[..]), (1, "\n"));
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! Files that open texts depend on, looked at again and again: few editors report changes outside of their folders, and some report none.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use crossbeam_channel::Sender;
+use maquette_graph::stamp::Stamp;
 
 /// Something that happens outside of the editor's messages.
 pub(super) enum Event {
@@ -18,10 +19,8 @@ pub(super) enum Event {
 /// How often files are looked at.
 const PERIOD: Duration = Duration::from_millis(700);
 
-/// What changes with a file; `None` if there is none.
-type Stamp = Option<(u64, Option<SystemTime>)>;
-
-type Stamps = Mutex<BTreeMap<PathBuf, Stamp>>;
+/// What changes with each file; `None` if there is none.
+type Stamps = Mutex<BTreeMap<PathBuf, Option<Stamp>>>;
 
 /// Looks at files until it is dropped.
 pub(super) struct Watcher {
@@ -42,7 +41,7 @@ impl Watcher {
         let mut stamps = lock(&self.stamps);
         let mut before = std::mem::take(&mut *stamps);
         for file in files {
-            let stamp = before.remove(&file).unwrap_or_else(|| stamp_of(&file));
+            let stamp = before.remove(&file).unwrap_or_else(|| Stamp::of(&file));
             stamps.insert(file, stamp);
         }
     }
@@ -56,7 +55,7 @@ fn look(stamps: &Weak<Stamps>, events: &Sender<Event>) {
         let known = lock(&stamps).clone();
         let mut has_changed = false;
         for (file, before) in known {
-            let now = stamp_of(&file);
+            let now = Stamp::of(&file);
             if now != before {
                 has_changed = true;
                 if let Some(stamp) = lock(&stamps).get_mut(&file) {
@@ -70,11 +69,6 @@ fn look(stamps: &Weak<Stamps>, events: &Sender<Event>) {
     }
 }
 
-fn stamp_of(file: &Path) -> Stamp {
-    let metadata = std::fs::metadata(file).ok()?;
-    Some((metadata.len(), metadata.modified().ok()))
-}
-
-fn lock(stamps: &Stamps) -> MutexGuard<'_, BTreeMap<PathBuf, Stamp>> {
+fn lock(stamps: &Stamps) -> MutexGuard<'_, BTreeMap<PathBuf, Option<Stamp>>> {
     stamps.lock().unwrap_or_else(PoisonError::into_inner)
 }

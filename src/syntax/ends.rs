@@ -7,24 +7,42 @@ pub enum Ends {
     Unix,
     /// `\r\n`.
     Windows,
+    /// `\r`, as once on the Macintosh.
+    Mac,
 }
 
 impl Ends {
     /// None if they do not all end alike.
     pub fn of(text: &str) -> Option<Self> {
-        let (all, windows) = (text.matches('\n').count(), text.matches("\r\n").count());
-        match windows {
-            0 => Some(Self::Unix),
-            _ if windows == all => Some(Self::Windows),
+        let [feeds, returns, both] = ["\n", "\r", "\r\n"].map(|end| text.matches(end).count());
+        match (feeds, returns) {
+            // A return may be a space, too.
+            (_, 0) => Some(Self::Unix),
+            (0, _) => Some(Self::Mac),
+            _ if both == 0 => Some(Self::Unix),
+            _ if both == feeds => Some(Self::Windows),
             _ => None,
         }
+    }
+
+    fn letters(self) -> &'static str {
+        match self {
+            Self::Unix => "\n",
+            Self::Windows => "\r\n",
+            Self::Mac => "\r",
+        }
+    }
+
+    /// A text with these ends, with `\n` in their place.
+    pub fn plain(self, text: &str) -> String {
+        text.replace(self.letters(), "\n")
     }
 
     /// A text, whose lines all end with `\n`, with these ends.
     pub fn put(self, text: String) -> String {
         match self {
             Self::Unix => text,
-            Self::Windows => text.replace('\n', "\r\n"),
+            Self::Windows | Self::Mac => text.replace('\n', self.letters()),
         }
     }
 }

@@ -4,27 +4,10 @@ use std::fs;
 
 use serde_json::Value as Json;
 
-use crate::project::Project;
-
-const GRAPH: &str = r#"Graph(
-    format: 1,
-    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
-    nodes: {
-        "mesh": ReadMesh(path: "tet.obj"),
-        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
-    },
-    outputs: { "out.obj": "lifted" },
-)
-"#;
-
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+use crate::project::{LIFTED, Project};
 
 fn project() -> Project {
-    let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
-    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
-    project
+    Project::with_tetrahedron(LIFTED)
 }
 
 /// The line, code and message of each problem that the check finds in a file of this text.
@@ -89,7 +72,7 @@ fn a_patch_goes_on_behind_syntax_errors() {
     // Those of the graph that it patches.
     fs::write(
         project.graph(),
-        GRAPH.replace("0)),", "0]),").replace("mesh: \"mesh\"", "mesh: \"hsem\""),
+        LIFTED.replace("0)),", "0]),").replace("mesh: \"mesh\"", "mesh: \"hsem\""),
     )
     .unwrap();
     check(

@@ -6,27 +6,10 @@ use std::path::{Path, PathBuf};
 use maquette::Hash;
 use serde_json::Value as Json;
 
-use crate::project::Project;
-
-const GRAPH: &str = r#"Graph(
-    format: 1,
-    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
-    nodes: {
-        "mesh": ReadMesh(path: "tet.obj"),
-        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
-    },
-    outputs: { "out.obj": "lifted" },
-)
-"#;
-
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+use crate::project::{LIFTED, Project, TETRAHEDRON};
 
 fn project() -> Project {
-    let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
-    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
-    project
+    Project::with_tetrahedron(LIFTED)
 }
 
 /// Runs a command with the cache in the project.

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::project::Project;
+use crate::project::{Project, TETRAHEDRON};
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -19,13 +19,8 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
-
 fn project() -> Project {
-    let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
-    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
+    let project = Project::with_tetrahedron(GRAPH);
     wait();
     project
 }

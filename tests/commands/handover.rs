@@ -11,6 +11,8 @@ use serde_json::Value as Json;
 
 use crate::project::Project;
 
+mod expected;
+
 const GRAPH: &str = r#"Graph(
     format: 1,
     params: { "up": Number(default: 1.0, doc: "How far it is moved.") },

@@ -4,10 +4,7 @@ use std::fs;
 
 use serde_json::Value as Json;
 
-use crate::project::Project;
-
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+use crate::project::{Project, TETRAHEDRON};
 
 const GRAPH: &str = r#"Graph(
     format: 1,

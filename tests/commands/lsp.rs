@@ -6,11 +6,14 @@ use std::process::Command;
 
 use serde_json::{Value as Json, json};
 
+mod additions;
 mod completion;
 mod editor;
 mod edits;
 mod law;
+mod line_ends;
 mod names;
+mod odd_fields;
 mod protocol;
 mod refactor;
 

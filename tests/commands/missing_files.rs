@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value as Json;
 
-use crate::project::Project;
+use crate::project::{Project, TETRAHEDRON};
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -19,14 +19,8 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-pub(crate) const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
-
 pub(crate) fn project() -> Project {
-    let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
-    fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
-    project
+    Project::with_tetrahedron(GRAPH)
 }
 
 /// The exit code, the severities with the messages of all problems, and the names of all written files.

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::project::Project;
+use crate::project::{Project, TETRAHEDRON};
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -10,9 +10,6 @@ const GRAPH: &str = r#"Graph(
     outputs: { "out.ply": "moved" },
 )
 "#;
-
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 /// A folder without a project, and graphs in folders of it.
 fn project(graphs: &[&str]) -> Project {

@@ -5,10 +5,7 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::process::{Command, Output, Stdio};
 
-use crate::project::Project;
-
-const TETRAHEDRON: &str =
-    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+use crate::project::{LIFTED, Project, TETRAHEDRON};
 
 const USED: &str = r#"Graph(
     format: 1,
@@ -37,18 +34,7 @@ fn long_graph() -> String {
 }
 
 fn project() -> Project {
-    let project = Project::new(
-        r#"Graph(
-    format: 1,
-    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
-    nodes: {
-        "mesh": ReadMesh(path: "tet.obj"),
-        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
-    },
-    outputs: { "out.obj": "lifted" },
-)
-"#,
-    );
+    let project = Project::new(LIFTED);
     let long = long_graph();
     let graph = fs::read_to_string(project.graph()).unwrap();
     let other = graph.replace("5.0", "6.0");
@@ -155,6 +141,34 @@ fn what_cannot_be_printed_is_an_error_of_every_command() {
         assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
         assert_eq!(full.status.code(), Some(code.max(1)), "{words}: {told}");
     }
+}
+
+/// Runs a command by a shell that redirects its standard output. Returns its exit code and what it told.
+fn redirected(words: &str, to: &str) -> (Option<i32>, String) {
+    let project = project();
+    let script = format!("exec {} {words} {to}", env!("CARGO_BIN_EXE_maquette"));
+    let own = project.command(&[]);
+    let set = own.get_envs().filter_map(|(name, value)| Some((name, value?)));
+    let output =
+        Command::new("bash").args(["-c", &script]).current_dir(project.folder()).envs(set).output();
+    let output = output.unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn a_closed_output_is_an_error_of_what_prints_and_null_is_none() {
+    for words in ["nodes", "check doll.ron", "run doll.ron --json", "help run", "--version"] {
+        let (code, told) = redirected(words, ">&-");
+        assert_eq!(code, Some(1), "{words}: {told}");
+        assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
+        // However it is opened.
+        for null in ["> /dev/null", "1<> /dev/null", "<&- > /dev/null"] {
+            assert_eq!(redirected(words, null).0, Some(0), "{words} {null}");
+        }
+    }
+    let quiet = "render doll.ron lifted picture.png";
+    let (code, told) = redirected(quiet, ">&-");
+    assert_eq!(code, Some(0), "nothing is printed: {told}");
 }
 
 #[test]

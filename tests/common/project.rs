@@ -15,6 +15,22 @@ const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 /// Longer than anything takes on a busy machine; only a failing test waits that long.
 const PATIENCE: Duration = Duration::from_secs(120);
 
+/// A mesh: a tetrahedron.
+pub(crate) const TETRAHEDRON: &str =
+    "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+/// A graph that lifts the mesh in `tet.obj`.
+pub(crate) const LIFTED: &str = r#"Graph(
+    format: 1,
+    params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
+    nodes: {
+        "mesh": ReadMesh(path: "tet.obj"),
+        "lifted": Transform(mesh: "mesh", translate: (0, Param("lift"), 0)),
+    },
+    outputs: { "out.obj": "lifted" },
+)
+"#;
+
 pub(crate) struct Project {
     folder: PathBuf,
     _temporary: tempfile::TempDir,
@@ -34,6 +50,15 @@ impl Project {
         let state = tempfile::tempdir().unwrap();
         let project = Self { folder, _temporary: temporary, cache, state };
         project.save(text);
+        project
+    }
+
+    /// A graph of this text beside a tetrahedron, `tet.obj`.
+    pub(crate) fn with_tetrahedron(text: &str) -> Self {
+        let project = Self::new(text);
+        for (name, text) in [("maquette.toml", ""), ("tet.obj", TETRAHEDRON)] {
+            std::fs::write(project.folder.join(name), text).unwrap();
+        }
         project
     }
 

@@ -220,6 +220,7 @@ check("11 the run of a lens writes the outputs, and its words are shown", async 
   await lens(/run/i).click();
   await until(() => existsSync(join(editor.project, "out/doll/model.glb")), 60_000);
   await page.locator(".output-view-container, .pane-body.output-view").filter({ hasText: "model.glb" }).waitFor();
+  assert.deepEqual(await page.locator(".notification-toast").allInnerTexts(), [], "nothing pops up beside it");
 });
 
 check("10 after a run, nodes have hints of what they gave", async (page) => {
@@ -269,6 +270,11 @@ check("12 a program that is not there is told, with what to do", async (page) =>
     const text = await message.innerText();
     for (const part of ["`cargo install --path src/program`", "`maquette.path`", "Say where it is", "Try again"]) assert.ok(text.includes(part), text);
   }
+  // Its commands say why they do nothing.
+  await editor.command("Notifications: Clear All Notifications");
+  await editor.command("Maquette: Run graph");
+  await page.locator(".notification-toast", { hasText: "`/bin/false` is too old" }).waitFor();
+  assert.equal(await page.locator(".notification-toast", { hasText: "not found" }).count(), 0);
   editor.set({});
   await editor.command("Notifications: Clear All Notifications");
   await lens(/run/i).waitFor();

@@ -151,6 +151,10 @@ impl Batch {
             return Exit::Done;
         }
         eprint(&format!("error: {counts}\n"));
+        let logs = self.handover.as_deref().map(|hash| tasks.logs(hash));
+        if let Some(logs) = logs.filter(|logs| logs.is_dir()) {
+            eprint(&format!("  = help: see what each task did in {}\n", logs.shown()));
+        }
         Exit::Failed
     }
 }

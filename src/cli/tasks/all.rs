@@ -7,11 +7,14 @@ use std::time::Instant;
 
 use maquette_engine::eval::Observer;
 use maquette_engine::session::Session;
+use maquette_golden::sweep::Task;
 use maquette_graph::stamp::FINE_GRAIN;
 use maquette_node::CancelToken;
 
+use super::log::Both;
 use super::record::Record;
-use super::run::{Batch, Standing};
+use super::run::{Batch, Due, Standing};
+use super::time_limit::TimeLimit;
 
 /// A task that came to its end.
 pub(crate) struct Ended {
@@ -101,12 +104,16 @@ impl Batch<'_> {
             let Some(&index) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
             let task = &self.sweep.tasks[index];
             let ended = match self.standing(session, task) {
-                Standing::Holds(record) => Ended { index, record: *record, was_run: false },
+                Standing::Holds(record) => {
+                    self.note_unchanged(task, record.state);
+                    Ended { index, record: *record, was_run: false }
+                }
                 Standing::Due(due) => {
                     running.hearer.begins(index);
                     count += 1;
-                    let record = self.run(session, task, *due, running.observer, running.cancel)?;
-                    let Some(record) = record else { break };
+                    let Some(record) = self.run_logged(session, task, *due, running)? else {
+                        break;
+                    };
                     Ended { index, record, was_run: true }
                 }
             };
@@ -119,5 +126,21 @@ impl Batch<'_> {
             }
         }
         Ok(())
+    }
+
+    fn run_logged(
+        &self,
+        session: &mut Session,
+        task: &Task,
+        due: Due,
+        running: &Running<'_>,
+    ) -> Result<Option<Record>, String> {
+        let limit = TimeLimit::start(self.time_limit, running.cancel);
+        let Some(log) = self.begin_log(task) else {
+            return self.run(session, task, due, running.observer, &limit);
+        };
+        let record = self.run(session, task, due, &Both(running.observer, &log), &limit)?;
+        log.end(record.as_ref());
+        Ok(record)
     }
 }

@@ -1,5 +1,9 @@
-//! Hands a batch over to a farm's engine: each task is one call of this program, `maquette batch SWEEP --handover HASH --task I`, so that there
+//! Hands a batch over to a farm's engine: each job is one call of this program, `maquette batch SWEEP --handover HASH --task I`, so that there
 //! is one way to run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
+
+mod openjd;
+
+use std::time::Duration;
 
 use maquette_syntax::shell;
 use serde_json::json;
@@ -15,12 +19,45 @@ pub(crate) enum Engine {
     Slurm,
     /// A Python script that hands the tasks to HyperQueue.
     Hq,
-    /// A command a line, for GNU parallel, xargs or a makefile.
+    /// A makefile, which runs the tasks and makes the contact sheet.
+    Make,
+    /// A command of a shell on each line, for GNU parallel, xargs or a shell.
     Lines,
 }
 
 /// Slurm's own limit of an array, unless somebody has changed it.
 const LONGEST_ARRAY: usize = 1000;
+
+/// An engine stops a job this much later than the program stops its tasks, so that the program can say why.
+const GRACE: Duration = Duration::from_secs(60);
+
+/// Resources and limits of each job.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Resources {
+    /// The number of tasks that a job runs, one after the other.
+    pub(crate) chunk: usize,
+    /// The number of jobs that may run at a time.
+    pub(crate) at_once: Option<usize>,
+    /// The longest time for one task.
+    pub(crate) time_limit: Option<Duration>,
+    /// The number of threads; `None` if nothing was said.
+    pub(crate) threads: Option<usize>,
+    /// The limit of memory for results and nodes, in bytes.
+    pub(crate) memory: Option<u64>,
+}
+
+impl Resources {
+    /// The memory to ask for, in MiB: files that are read and the program itself come on top of the limit.
+    fn mebibytes(self) -> Option<u64> {
+        self.memory.map(|bytes| (bytes + bytes / 4).div_ceil(1 << 20))
+    }
+
+    /// The time after which an engine stops a job.
+    fn job_limit(self) -> Option<Duration> {
+        let tasks = u32::try_from(self.chunk.max(1)).unwrap_or(u32::MAX);
+        self.time_limit.map(|limit| limit.saturating_mul(tasks).saturating_add(GRACE))
+    }
+}
 
 /// What is handed over.
 pub(crate) struct Handover<'a> {
@@ -34,6 +71,9 @@ pub(crate) struct Handover<'a> {
     pub(crate) tasks: usize,
     /// The current folder, that paths are relative to.
     pub(crate) folder: &'a str,
+    /// The folder of logs, from the current one.
+    pub(crate) logs: &'a str,
+    pub(crate) resources: Resources,
 }
 
 impl Handover<'_> {
@@ -42,9 +82,8 @@ impl Handover<'_> {
             Engine::Openjd => self.openjd(),
             Engine::Slurm => self.slurm(),
             Engine::Hq => self.hq(),
-            Engine::Lines => {
-                (0..self.tasks).map(|task| format!("{} --task {task}\n", self.command())).collect()
-            }
+            Engine::Make => self.make(),
+            Engine::Lines => self.lines(),
         }
     }
 
@@ -52,89 +91,108 @@ impl Handover<'_> {
         Vec::from_iter(self.words.iter().map(|word| shell(word))).join(" ")
     }
 
-    /// The template of a job. Its tasks run in folders of their own, so that the current one is a parameter.
-    fn openjd(&self) -> String {
-        let run = |inside: &str, last: &[&str]| {
-            let words = ["-c", inside, "{{Param.Project}}"].into_iter().map(str::to_owned);
-            // Braces would be taken for parameters.
-            let own = self.words.iter().map(|word| word.replace("{{", "{ {").replace("}}", "} }"));
-            let assignments = self.parameters.iter().map(|it| it.assignment.clone());
-            let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
-            let last = last.iter().map(|&word| word.to_owned());
-            let args = Vec::from_iter(words.chain(own).chain(set).chain(last));
-            json!({ "command": "bash", "args": args })
-        };
-        let on_run = |last: &[&str]| json!({ "actions": { "onRun": run("cd \"$0\" && exec \"$@\"", last) } });
-        // A step that depends on tasks does not run where one of them fails, but an environment ends in any case.
-        let page = json!({ "onExit": run("cd \"$0\" && \"$@\" || true", &["--report"]) });
-        let page = json!({ "name": "Page", "script": { "actions": page } });
-        let tasks = json!({ "name": "Task", "type": "INT", "range": format!("0-{}", self.tasks.saturating_sub(1)) });
-        let project = json!({
-            "name": "Project",
-            "type": "PATH",
-            "objectType": "DIRECTORY",
-            "dataFlow": "INOUT",
-            "default": ".",
-            "description": "The folder that the paths of the sweep and its results are relative to.",
-        });
-        let own = self.parameters.iter().map(|parameter| parameter.definition.clone());
-        let definitions = Vec::from_iter([project].into_iter().chain(own));
-        let job = json!({
-            "specificationVersion": "jobtemplate-2023-09",
-            "name": job_name(self.name),
-            "parameterDefinitions": definitions,
-            "steps": [
-                { "name": "Warm", "script": on_run(&["--warm", "--events=openjd"]) },
-                {
-                    "name": "Tasks",
-                    "dependencies": [{ "dependsOn": "Warm" }],
-                    "parameterSpace": { "taskParameterDefinitions": [tasks] },
-                    "stepEnvironments": [page],
-                    "script": on_run(&["--events=openjd", "--task", "{{Task.Param.Task}}"]),
-                },
-                { "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": on_run(&["--report"]) },
-            ],
-        });
-        format!("{job:#}\n")
+    /// The number of jobs, and the words that say how many tasks each has.
+    fn jobs(&self) -> (usize, String) {
+        match self.resources.chunk {
+            0 | 1 => (self.tasks, String::new()),
+            chunk => (self.tasks.div_ceil(chunk), format!("--chunk {chunk} ")),
+        }
     }
 
-    /// A script that submits an array. Its tasks take several in a row if there would be too many.
-    fn slurm(&self) -> String {
-        let each = self.tasks.div_ceil(LONGEST_ARRAY).max(1);
+    /// Commands that also a shell may run one after the other: it goes on behind one that fails, and ends as the last of those did.
+    fn lines(&self) -> String {
+        let (command, (jobs, chunk)) = (self.command(), self.jobs());
+        let line = |job| format!("{command} {chunk}--task {job} || trap \"exit $?\" 0\n");
+        (0..jobs).map(line).collect()
+    }
+
+    /// A makefile whose jobs make goes on behind, whatever comes of them: the contact sheet's command fails if one of them did.
+    fn make(&self) -> String {
+        let (jobs, chunk) = self.jobs();
+        let names = Vec::from_iter((0..jobs).map(|job| job.to_string())).join(" ");
+        let at_once = self.resources.at_once;
+        let at_once = at_once.map_or(String::new(), |jobs| format!("MAKEFLAGS += -j{jobs}\n"));
         filled(
-            SLURM,
+            include_str!("emit/make.mk"),
+            &[
+                ("TASKS", &self.tasks.to_string()),
+                ("JOBS", &names),
+                ("AT-ONCE", &at_once),
+                ("CHUNK", &chunk),
+                ("FOLDER", &shell(self.folder).replace('$', "$$")),
+                ("COMMAND", &self.command().replace('$', "$$")),
+            ],
+        )
+    }
+
+    /// A script that submits an array. Its jobs take several tasks if there would be too many.
+    fn slurm(&self) -> String {
+        let chunk = self.resources.chunk.max(self.tasks.div_ceil(LONGEST_ARRAY)).max(1);
+        let resources = Resources { chunk, ..self.resources };
+        let (jobs, chunk) = Handover { resources, ..*self }.jobs();
+        let Resources { at_once, threads, .. } = resources;
+        let options = [
+            threads.map(|threads| format!("--cpus-per-task={threads}")),
+            resources.mebibytes().map(|memory| format!("--mem={memory}M")),
+            resources.job_limit().map(|limit| format!("--time={}", limit.as_secs().div_ceil(60))),
+        ];
+        // A job has the processors that Slurm gives it.
+        let threads = if threads.is_none() { "--threads ${SLURM_CPUS_ON_NODE:-0}" } else { "" };
+        filled(
+            include_str!("emit/slurm.sh"),
             &[
                 ("NAME", &shell(self.name)),
                 ("FOLDER", &shell(self.folder)),
+                ("LOGS", &shell(self.logs)),
                 ("COMMAND", &self.command()),
                 ("TASKS", &self.tasks.to_string()),
-                ("LAST", &self.tasks.div_ceil(each).saturating_sub(1).to_string()),
-                ("EACH", &each.to_string()),
-                ("END", &self.tasks.saturating_sub(1).to_string()),
+                ("LAST", &jobs.saturating_sub(1).to_string()),
+                ("AT-ONCE", &at_once.map_or(String::new(), |jobs| format!("%{jobs}"))),
+                ("RESOURCES", &Vec::from_iter(options.into_iter().flatten()).join(" ")),
+                ("THREADS", threads),
+                ("CHUNK", &chunk),
             ],
         )
     }
 
     fn hq(&self) -> String {
+        let (jobs, chunk) = self.jobs();
+        let Resources { at_once, threads, .. } = self.resources;
+        let memory = self.resources.mebibytes();
+        // A job has one processor there, unless it asks for more.
+        let mut words = self.words.to_vec();
+        if threads.is_none() {
+            words.extend(["--threads", "1"].map(str::to_owned));
+        }
+        let (import, asked) = match (threads, memory) {
+            (None, None) => ("", "None".to_owned()),
+            (threads, memory) => {
+                let memory = memory.map_or(json!({}), |memory| json!({ "mem": memory }));
+                let threads = threads.unwrap_or(1);
+                // A worker that is started here has processors alone.
+                let memory = format!("{{}} if HERE else {memory}");
+                let asked = format!("ResourceRequest(cpus={threads}, resources={memory})");
+                ("from hyperqueue.ffi.protocol import ResourceRequest\n", asked)
+            }
+        };
+        let chunk = Vec::from_iter(chunk.split_whitespace());
         // Texts of JSON are texts of Python.
         filled(
-            HQ,
+            include_str!("emit/hq.py"),
             &[
                 ("NAME", &json!(self.name).to_string()),
                 ("FOLDER", &json!(self.folder).to_string()),
-                ("COMMAND", &json!(self.words).to_string()),
+                ("LOGS", &json!(self.logs).to_string()),
+                ("COMMAND", &json!(words).to_string()),
+                ("CHUNK", &json!(chunk).to_string()),
+                ("IMPORT", import),
+                ("RESOURCES", &asked),
                 ("TASKS", &self.tasks.to_string()),
+                ("JOBS", &jobs.to_string()),
+                ("AT-ONCE", &at_once.unwrap_or(jobs).max(1).to_string()),
             ],
         )
     }
-}
-
-/// A name that Open Job Description takes: up to 128 characters, without control characters and `{{`, which would begin a parameter.
-fn job_name(name: &str) -> String {
-    let name = name.replace("{{", "{ {").replace("}}", "} }");
-    let name = name.chars().map(|c| if c.is_control() { '-' } else { c }).take(128);
-    let name = String::from_iter(name);
-    if name.trim().is_empty() { "batch".into() } else { name }
 }
 
 /// A text with something in the place of each mark, `@NAME@`, that is in the text itself.
@@ -161,108 +219,68 @@ fn filled(text: &str, values: &[(&str, &str)]) -> String {
     full + rest
 }
 
-const SLURM: &str = r#"#!/usr/bin/env bash
-# @TASKS@ tasks for Slurm: `bash THIS [OPTIONS OF SBATCH]`. The first job leaves in the cache what the tasks have in common, and the last one
-# makes the contact sheet, whatever came of the tasks.
-set -euo pipefail
-cd @FOLDER@
-command=(@COMMAND@)
-options=("$@")
-
-# Submits the command with more words, which may be worked out before, as an array, behind another job.
-submit() {
-    {
-        printf '#!/usr/bin/env bash\ncd %q || exit\n%s\nexec' "$PWD" "${4:-}"
-        printf ' %q' "${command[@]}"
-        printf ' %s\n' "$3"
-    } | sbatch --parsable --job-name=@NAME@ --array="$2" ${1:+--dependency="afterany:$1"} "${options[@]}"
-}
-
-warm=$(submit "" 0 --warm)
-tasks=$(submit "$warm" 0-@LAST@ '--task "$first-$last"' \
-    'first=$((SLURM_ARRAY_TASK_ID * @EACH@)); last=$((first + @EACH@ - 1)); [ $last -le @END@ ] || last=@END@')
-sheet=$(submit "$tasks" 0 --report)
-echo "$warm $tasks $sheet"
-"#;
-
-const HQ: &str = r#"#!/usr/bin/env python3
-"""@TASKS@ tasks for HyperQueue: `python3 THIS [SERVER DIRECTORY]`, or `python3 THIS --here` without a server. It waits for them and makes the
-contact sheet, whatever came of them. The first task leaves in the cache what the others have in common."""
-import os
-import subprocess
-import sys
-
-from hyperqueue import Client, Job, LocalCluster
-
-COMMAND = @COMMAND@
-FOLDER = @FOLDER@
-
-
-def submitted(client, *calls):
-    """Runs the command with each of these words. Returns how many failed."""
-    job = Job(default_workdir=FOLDER, max_fails=None, name=@NAME@)
-    for words in calls:
-        job.program([*COMMAND, *words], stdout=os.devnull, stderr=os.devnull)
-    job = client.submit(job)
-    is_done = client.wait_for_jobs([job], raise_on_error=False)
-    return 0 if is_done else len(client.get_failed_tasks(job))
-
-
-def run(client):
-    # Without the first call none of the others can run: the tasks are not those that were handed over.
-    failed = @TASKS@ if submitted(client, ["--warm"]) else submitted(client, *(["--task", str(task)] for task in range(@TASKS@)))
-    # It runs here, so that what it reports is seen.
-    is_complete = subprocess.run([*COMMAND, "--report"], cwd=FOLDER).returncode == 0
-    print(f"{@TASKS@ - failed} done, {failed} failed")
-    return 0 if is_complete and not failed else 1
-
-
-if sys.argv[1:] == ["--here"]:
-    with LocalCluster() as cluster:
-        cluster.start_worker()
-        sys.exit(run(cluster.client()))
-sys.exit(run(Client(*sys.argv[1:])))
-"#;
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn handed(engine: Engine, tasks: usize) -> String {
+    fn handed(engine: Engine, tasks: usize, resources: Resources) -> String {
         let words = ["maquette", "batch", "it's.ron", "--set", "a=$x"].map(str::to_owned);
-        let (words, parameters) = (&words[..], &[][..]);
-        Handover { name: "it's", words, parameters, tasks, folder: "/a b" }.to(engine)
-    }
-
-    #[test]
-    fn any_name_is_one_of_a_job() {
-        assert_eq!(job_name("a{{{b}}\n"), "a{ {{b} }-");
-        assert_eq!(job_name(""), "batch");
-        assert_eq!(job_name(&"\u{e4}".repeat(300)).chars().count(), 128);
+        let (name, folder, logs) = ("it's", "/a b", "out/100%");
+        let parameters = &[];
+        Handover { name, words: &words, parameters, tasks, folder, logs, resources }.to(engine)
     }
 
     #[test]
     fn lines_are_commands_whatever_the_words() {
-        assert_eq!(
-            handed(Engine::Lines, 2),
-            "maquette batch 'it'\\''s.ron' --set 'a=$x' --task 0\nmaquette batch 'it'\\''s.ron' --set 'a=$x' --task 1\n"
-        );
+        let line = |task| {
+            format!(
+                "maquette batch 'it'\\''s.ron' --set 'a=$x' --task {task} || trap \"exit $?\" 0\n"
+            )
+        };
+        let lines = handed(Engine::Lines, 2, Resources::default());
+        assert_eq!(lines, line("0") + &line("1"));
     }
 
     #[test]
     fn a_long_array_takes_several_tasks_at_a_time() {
-        let script = handed(Engine::Slurm, 2500);
-        assert!(
-            script.contains(" 0-833 ") && script.contains("* 3)") && script.contains("last=2499"),
-            "{script}"
+        let script = handed(Engine::Slurm, 2500, Resources::default());
+        assert!(script.contains(" 0-833 ") && script.contains("--chunk 3 "), "{script}");
+        let script = handed(Engine::Slurm, 6, Resources::default());
+        assert!(script.contains(" 0-5 ") && !script.contains("--chunk"), "{script}");
+    }
+
+    #[test]
+    fn each_engine_is_asked_for_what_a_job_needs() {
+        let resources = Resources {
+            chunk: 4,
+            at_once: Some(3),
+            time_limit: Some(Duration::from_secs(90)),
+            threads: Some(8),
+            memory: Some(4_000_000_000),
+        };
+        let has = |engine, wanted: &[&str]| {
+            let job = handed(engine, 10, resources);
+            for wanted in wanted {
+                assert!(job.contains(wanted), "`{wanted}` in {job}");
+            }
+        };
+        has(
+            Engine::Slurm,
+            &[" 0-2%3 ", "--chunk 4 ", "--cpus-per-task=8 --mem=4769M --time=7 ", "out/100%"],
         );
-        let script = handed(Engine::Slurm, 6);
-        assert!(script.contains(" 0-5 ") && script.contains("* 1)"), "{script}");
+        has(Engine::Hq, &["cpus=8", "\"mem\":4769", "[\"--chunk\",\"4\"]", "range(3)", ", 3)"]);
+        has(
+            Engine::Openjd,
+            &["\"0-2\"", "\"4\"", "\"timeout\": 420", "\"min\": 8", "\"min\": 4769"],
+        );
+        has(Engine::Make, &["-j3\n", "--chunk 4 --task", "a=$$x", "0 1 2: warm"]);
+        has(Engine::Lines, &["--chunk 4 --task 2 "]);
     }
 
     #[test]
     fn a_job_template_is_json_with_a_task_for_each() {
-        let job: serde_json::Value = serde_json::from_str(&handed(Engine::Openjd, 6)).unwrap();
+        let job = handed(Engine::Openjd, 6, Resources::default());
+        let job: serde_json::Value = serde_json::from_str(&job).unwrap();
         let step = &job["steps"][1];
         assert_eq!(step["parameterSpace"]["taskParameterDefinitions"][0]["range"], "0-5");
         let args = step["script"]["actions"]["onRun"]["args"].as_array().unwrap();

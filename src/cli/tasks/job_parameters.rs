@@ -14,12 +14,19 @@ pub(crate) struct JobParameter {
     pub(super) assignment: String,
 }
 
+/// Open Job Description's limits of a job, whose first parameter is the project's folder, and of letters.
+const MAX_PARAMETERS: usize = 49;
+const MAX_NAME: usize = 64;
+const MAX_TEXT: usize = 1024;
+const MAX_DESCRIPTION: usize = 2048;
+
 impl JobParameter {
-    /// Returns the parameters of a graph but those that are `set` already.
+    /// Returns the parameters of a graph but those that are `set` already, and those that no template can hold.
     pub(crate) fn all(graph: &Graph, set: &BTreeSet<&str>, is_draft: bool) -> Vec<Self> {
         let declared = graph.schema()["properties"].as_object().into_iter().flatten();
         let open = declared.filter(|(name, _)| !set.contains(&name[..]));
-        open.filter_map(|(name, schema)| Self::new(name, schema, is_draft)).collect()
+        let all = open.filter_map(|(name, schema)| Self::new(name, schema, is_draft));
+        all.take(MAX_PARAMETERS).collect()
     }
 
     /// The parameter of this name; none if it is an input, or has a default that no template can hold.
@@ -31,6 +38,9 @@ impl JobParameter {
         };
         // Names there have no hyphens.
         let own = name.replace('-', "_");
+        if own.len() > MAX_NAME {
+            return None;
+        }
         let mut definition = json!({ "name": own });
         let mut value = format!("{{{{Param.{own}}}}}");
         match schema["type"].as_str()? {
@@ -59,6 +69,9 @@ impl JobParameter {
             }
             _ => {
                 let text = default.as_str()?;
+                if text.chars().count() > MAX_TEXT || text.contains(char::is_control) {
+                    return None;
+                }
                 definition["type"] = "STRING".into();
                 definition["default"] = text.into();
                 match schema.get("enum") {
@@ -71,7 +84,9 @@ impl JobParameter {
         }
         let unit = schema["unit"].as_str().map_or_else(String::new, |unit| format!(" ({unit})"));
         let doc = schema["description"].as_str().unwrap_or_default();
-        let description = format!("{doc}{unit}").trim().to_owned();
+        let is_taken = |c: &char| !c.is_control() || matches!(c, '\n' | '\t');
+        let doc = doc.chars().filter(is_taken).take(MAX_DESCRIPTION - unit.len());
+        let description = format!("{}{unit}", String::from_iter(doc)).trim().to_owned();
         if !description.is_empty() {
             definition["description"] = description.into();
         }
@@ -120,6 +135,29 @@ mod tests {
             json!({ "type": "array", "default": [0, 0.5, 1] }),
             json!({ "name": "a_b", "type": "STRING", "default": "(0, 0.5, 1)" }),
             "a-b={{Param.a_b}}",
+        );
+    }
+
+    #[test]
+    fn what_no_template_holds_is_no_parameter_or_cut() {
+        let text = |default: &str, doc: &str| json!({ "type": "string", "default": default, "description": doc });
+        let none = |name: &str, default: &str| {
+            assert_eq!(
+                JobParameter::new(name, &text(default, ""), false),
+                None,
+                "{name} {default}"
+            );
+        };
+        none(&"a".repeat(65), "x");
+        none("a", &"x".repeat(1025));
+        none("a", "a\tb");
+        let doc = "\u{e4}\u{7}\n".repeat(2000);
+        let found = JobParameter::new("a", &text("x", &doc), false).unwrap();
+        let found = found.definition["description"].as_str().unwrap().to_owned();
+        assert_eq!(
+            (found.chars().count(), found.contains('\u{7}')),
+            (2047, false),
+            "the last line end is cut"
         );
     }
 

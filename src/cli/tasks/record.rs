@@ -49,7 +49,7 @@ pub(crate) struct Record {
     /// What was swept, by name, as its author writes it.
     pub(crate) values: Vec<(String, String)>,
     pub(crate) seconds: f64,
-    /// Whether it failed for want of memory or disk space, or because a file could not be read or written: then it is tried again.
+    /// Whether it failed for want of time, memory or disk space, or because a file could not be read or written: then it is tried again.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) may_pass: bool,
     /// How many nodes came to which end.

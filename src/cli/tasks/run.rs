@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -14,10 +14,11 @@ use maquette_golden::sweep::{Picture, Sweep, Task};
 use maquette_graph::{Graph, Options};
 use maquette_node::CancelToken;
 use maquette_render::{Kind, Look, View, picture};
-use maquette_syntax::error::{Problem, Severity, with_those_of_run};
+use maquette_syntax::error::{Problem, Severity, Span, code, with_those_of_run};
 use maquette_value::Hash;
 
 use super::record::{Output, Record, State, picture_path, unwritten};
+use super::time_limit::{TimeLimit, in_words};
 
 /// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
 const QUALITY: u8 = 88;
@@ -35,6 +36,10 @@ pub(crate) struct Batch<'a> {
     pub(crate) signs: bool,
     /// Whether what failed is run again though nothing has changed.
     pub(crate) retries: bool,
+    /// How long a task may take.
+    pub(crate) time_limit: Option<Duration>,
+    /// The hash of the list by which the tasks were handed over.
+    pub(crate) handover: Option<&'a str>,
     /// Whether nothing is run: then no large files are read to know what would be.
     pub(crate) is_forecast: bool,
 }
@@ -110,7 +115,9 @@ impl Batch<'_> {
         }
         if record.state == State::Failed {
             let why = match (self.retries, record.may_pass) {
-                (_, true) => "it failed for want of memory or disk space, or of access to a file",
+                (_, true) => {
+                    "it failed for want of memory or disk space, of time, or of access to a file"
+                }
                 (true, false) => "it failed",
                 (false, false) => return None,
             };
@@ -181,14 +188,15 @@ impl Batch<'_> {
     ///
     /// # Errors
     /// In words, if the record cannot be written.
-    pub(crate) fn run(
+    pub(super) fn run(
         &self,
         session: &mut Session,
         task: &Task,
         due: Due,
         observer: &dyn Observer,
-        cancel: &CancelToken,
+        limit: &TimeLimit,
     ) -> Result<Option<Record>, String> {
+        let cancel = limit.token();
         let start = Instant::now();
         let loaded = due.loaded.unwrap_or_else(|| self.load(session, task));
         let Loaded { graph, mut problems, made_of } = loaded;
@@ -206,7 +214,10 @@ impl Batch<'_> {
                 problems = with_those_of_run(problems, std::mem::take(&mut done.problems));
             }
         }
-        if cancel.is_cancelled() {
+        if limit.is_over() {
+            problems = vec![self.too_late()];
+            (done.picture, done.may_pass) = (None, true);
+        } else if cancel.is_cancelled() {
             return Ok(None);
         }
         let destination = self.destination(&sources);
@@ -236,6 +247,15 @@ impl Batch<'_> {
         let path = super::record::path(self.out, &task.name);
         record.write(self.out, &destination).map_err(|why| unwritten(&path, &why))?;
         Ok(Some(record))
+    }
+
+    /// The error of a task whose time is over.
+    fn too_late(&self) -> Problem {
+        let limit = in_words(self.time_limit.unwrap_or_default());
+        let place = (self.sweep.source.clone(), Span::default());
+        let message = format!("the task took longer than {limit}, its limit");
+        let help = "raise --time-limit, or make the graph faster";
+        Problem { help: help.into(), ..Problem::new(Severity::Error, code::FAILED, place, message) }
     }
 
     fn produced(

@@ -19,7 +19,10 @@ pub(crate) fn text_of(
         let here = std::env::current_dir()
             .map_err(|error| format!("there is no current folder: {error}"))?;
         let here = std::fs::canonicalize(&here).unwrap_or(here);
-        let pattern = path_between(&folder_of_new(graph), &without_dots(&here.join(pattern)));
+        // A folder may be named by a link to it.
+        let whole = without_dots(&here.join(pattern));
+        let whole = folder_of_new(&whole).join(whole.file_name().unwrap_or_default());
+        let pattern = path_between(&folder_of_new(graph), &whole);
         axes.push(format!("Files({}, name: \"scan\")", quoted(&pattern)));
     }
     for (name, values) in values {

@@ -167,6 +167,16 @@ impl Batch<'_> {
         self.lists().join(format!("{hash}.json"))
     }
 
+    /// The folder of logs of tasks that were handed over by this list.
+    pub(crate) fn logs(&self, hash: &str) -> PathBuf {
+        self.lists().join(hash)
+    }
+
+    /// The log of a task, if it was handed over.
+    pub(super) fn log_path(&self, task: &Task) -> Option<PathBuf> {
+        Some(self.logs(self.handover?).join(format!("{}.log", task.name)))
+    }
+
     /// Writes the list of tasks, with which each job compares its own, and returns its hash.
     ///
     /// # Errors
@@ -176,6 +186,8 @@ impl Batch<'_> {
         let path = self.list_path(&hash);
         let written = self.destination(&Sources::default()).put(&path, &bytes);
         written.map_err(|why| unwritten(&path, &why))?;
+        // Logs of the same tasks that were handed over before are of another run.
+        let _ = fs::remove_dir_all(self.logs(&hash));
         Ok(hash)
     }
 

@@ -8,7 +8,7 @@ use maquette_graph::{
     without_blank_lines,
 };
 use maquette_syntax::error::{Problem, Span};
-use maquette_syntax::{Kind, Token, Tree, parse, tokens};
+use maquette_syntax::{Ends, Kind, Token, Tree, parse, tokens};
 
 /// Columns before an entry of a graph's section in the canonical form.
 const COLUMNS: usize = 8;
@@ -136,7 +136,7 @@ pub(crate) fn part_with(text: &str, part: Span, splices: &[Splice]) -> String {
 /// # Errors
 /// They are no entries.
 pub(crate) fn indented_entries(path: &Path, entries: &str) -> Result<String, Vec<Problem>> {
-    let entries = entries.replace("\r\n", "\n");
+    let entries = Ends::of(entries).unwrap_or(Ends::Windows).plain(entries);
     let form = crate::formatted(path, &format!("Graph(\n    nodes: {{{entries}\n    }},\n)\n"))?;
     let (tree, _) = parse(&form);
     let nodes = tree.fields().and_then(|fields| fields.first()).map(|field| &field.value);

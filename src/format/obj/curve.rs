@@ -3,7 +3,8 @@
 use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 
-use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, without_comment, words};
+use super::lines::{for_lines, numbers, resolve, without_comment};
+use super::{ObjError, excerpt, parse, words};
 
 /// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
 /// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use maquette_value::MapKind;
 
-use super::for_lines;
+use super::lines::for_lines;
 use super::material::Find;
 use crate::words;
 

@@ -5,8 +5,9 @@ use std::borrow::Cow;
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 
+use super::PlyError;
 use super::header::{Element, Encoding, Header, Scalar};
-use super::{Column, PlyError};
+use super::table::Column;
 use crate::{At, excerpt, real};
 
 /// Reads numbers one after the other.

@@ -4,9 +4,10 @@ use std::borrow::Cow;
 
 use maquette_value::Faces;
 
+use super::PlyError;
 use super::body::{Body, Rows};
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
-use super::{Column, PlyError, Table};
+use super::table::{Column, Table};
 use crate::corners::FaceList;
 
 /// The corners of all faces, and their texture coordinates.

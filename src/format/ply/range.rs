@@ -6,7 +6,8 @@ use nalgebra::Point3;
 
 use super::body::Body;
 use super::header::{self, Element, Header};
-use super::{PlyError, Property, Table, skip};
+use super::table::Table;
+use super::{PlyError, Property, skip};
 use crate::left_out;
 use crate::range_file::{Axes, RangeFile, Rows};
 

@@ -2,9 +2,8 @@
 
 use std::process::Output;
 
-use crate::project::Project;
+use crate::project::{Project, TETRAHEDRON};
 
-const MESH: &str = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 const GRAPH: &str = r#"Graph(
     format: 1,
     use: { "Part": "part.ron" },
@@ -28,7 +27,7 @@ fn told(output: &Output) -> String {
 fn project() -> Project {
     let project = Project::new(GRAPH);
     let write = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
-    write("a.obj", MESH);
+    write("a.obj", TETRAHEDRON);
     write("part.ron", PART);
     write("maquette.toml", "");
     write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n");

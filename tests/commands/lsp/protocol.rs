@@ -325,6 +325,16 @@ fn files_that_change_outside_of_the_editor_are_seen() {
     let other = NOSE.replace("\"lift\"", "\"raise\"");
     check(&|| place.write("lib/nose.ron", &other), "Nose has no field `lift`");
     check(&|| std::fs::remove_file(place.path("ball.obj")).unwrap(), "there is no file `ball.obj`");
+    // A text of the same length that has the time of the one before, as `cp -p` and version control leave it.
+    check(
+        &|| {
+            let path = place.path("lib/nose.ron");
+            let time = std::fs::metadata(&path).unwrap().modified().unwrap();
+            place.write("lib/nose.ron", &NOSE.replace("\"lift\"", "\"life\""));
+            std::fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+        },
+        "Nose has no field `lift`",
+    );
 }
 
 #[test]

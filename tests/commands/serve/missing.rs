@@ -5,7 +5,8 @@ use std::fs;
 use serde_json::{Value as Json, json};
 
 use super::Host;
-use crate::missing_files::{TETRAHEDRON, project};
+use crate::missing_files::project;
+use crate::project::TETRAHEDRON;
 
 /// The severities of all problems, each with its message.
 fn problems(answer: &Json) -> Vec<(&str, &str)> {

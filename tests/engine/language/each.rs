@@ -2,148 +2,20 @@
 
 use std::path::PathBuf;
 
-use maquette::value::{Curve, Faces, Labels, Mesh, Parts, Points};
+use maquette::value::{Faces, Labels, Mesh, Points};
 use maquette::{
-    AnyValue, CacheFolder, Catalog, Context, DecodeError, Decoder, Elements, Encoder, Error,
-    Finished, Graph, In, InputValues, NoElements, Node, Options, Pack, Run, Session, Settings,
-    State, Summary, Value, Wanted, node, value_type,
+    AnyValue, CacheFolder, Catalog, Finished, Graph, InputValues, Options, Pack, Run, Session,
+    Settings, State, Wanted, node, value_type,
 };
 use nalgebra::Point3;
 use regions::{Center, Collect, grid};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
+mod nodes;
 #[path = "../../common/regions.rs"]
 mod regions;
 mod sequences;
 
-/// A sum, and one point more.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Add {
-    /// What there is.
-    sum: In<Points>,
-    /// What comes.
-    point: In<Points>,
-}
-
-impl Node for Add {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["sum"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let all =
-            cx.get(&self.sum).positions().iter().chain(cx.get(&self.point).positions().iter());
-        Ok((Points::new(all.copied().collect::<Vec<_>>())?,))
-    }
-}
-
-/// One point on the x axis.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Along {
-    /// Where.
-    at: u32,
-}
-
-impl Node for Along {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((Points::new(vec![Point3::new(f64::from(self.at), 0.0, 0.0)])?,))
-    }
-}
-
-/// The first corners of a mesh.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Corner {
-    /// The mesh.
-    mesh: In<Mesh>,
-}
-
-impl Node for Corner {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((Points::new(vec![cx.get(&self.mesh).positions()[0]])?,))
-    }
-}
-
-/// The points of a curve.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Rim {
-    /// The curve.
-    curve: In<Curve>,
-}
-
-impl Node for Rim {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((Points::new(cx.get(&self.curve).points().clone())?,))
-    }
-}
-
-/// A stranger's value: numbers on a string, each a string by itself.
-#[derive(Clone, Debug)]
-struct Beads(Vec<u8>);
-
-impl Value for Beads {
-    const NAME: &'static str = "Beads";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&Vec::from_iter(self.0.iter().map(|&bead| usize::from(bead))));
-    }
-
-    fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Err(DecodeError)
-    }
-
-    fn size(&self) -> usize {
-        self.0.len()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default()
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        Parts::default()
-    }
-
-    fn elements() -> Vec<Elements<Self>> {
-        fn one_by_one(
-            beads: &Beads,
-            most: usize,
-            _: &[AnyValue],
-        ) -> Result<Vec<AnyValue>, NoElements> {
-            match beads.0.len() {
-                count if count > most => Err(NoElements::TooMany { count }),
-                _ => Ok(beads.0.iter().map(|&bead| AnyValue::new(Beads(vec![bead]))).collect()),
-            }
-        }
-        let kind = value_type::<Self>();
-        vec![Elements { word: "One", name: "beads", kind, cut: one_by_one }]
-    }
-}
-
-/// The numbers of beads, as points.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Count {
-    /// The beads.
-    beads: In<Beads>,
-}
-
-impl Node for Count {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let point = |&bead: &u8| Point3::new(f64::from(bead), 0.0, 0.0);
-        Ok((Points::new(cx.get(&self.beads).0.iter().map(point).collect::<Vec<_>>())?,))
-    }
-}
+use nodes::{Add, Along, Beads, Corner, Count, Rim};
 
 const PACK: Pack = Pack {
     name: "loops",

@@ -1,0 +1,132 @@
+//! A batch as a job of Open Job Description.
+
+use serde_json::{Value as Json, json};
+
+use super::Handover;
+
+impl Handover<'_> {
+    /// The template of a job. Its tasks run in folders of their own, so that the current one is a parameter.
+    pub(super) fn openjd(&self) -> String {
+        let (jobs, chunk) = self.jobs();
+        let on_run = |last: &[&str]| {
+            let mut run = self.action("cd \"$0\" && exec \"$@\"", last);
+            if let Some(limit) = self.resources.job_limit() {
+                run["timeout"] = limit.as_secs().into();
+            }
+            json!({ "actions": { "onRun": run } })
+        };
+        let mut task = vec!["--events=openjd"];
+        task.extend(chunk.split_whitespace());
+        task.extend(["--task", "{{Task.Param.Task}}"]);
+        // A step that depends on tasks does not run where one of them fails, but an environment ends in any case.
+        let page = self.action("cd \"$0\" && \"$@\" || true", &["--report"]);
+        let page = json!({ "name": "Page", "script": { "actions": { "onExit": page } } });
+        let range = format!("0-{}", jobs.saturating_sub(1));
+        let tasks = json!({ "name": "Task", "type": "INT", "range": range });
+        let project = json!({
+            "name": "Project",
+            "type": "PATH",
+            "objectType": "DIRECTORY",
+            "dataFlow": "INOUT",
+            "default": ".",
+            "description": "The folder that the paths of the sweep and its results are relative to.",
+        });
+        let own = self.parameters.iter().map(|parameter| parameter.definition.clone());
+        let definitions = Vec::from_iter([project].into_iter().chain(own));
+        let mut steps = [
+            json!({ "name": "Warm", "script": on_run(&["--warm", "--events=openjd"]) }),
+            json!({
+                "name": "Tasks",
+                "dependencies": [{ "dependsOn": "Warm" }],
+                "parameterSpace": { "taskParameterDefinitions": [tasks] },
+                "stepEnvironments": [page],
+                "script": on_run(&task),
+            }),
+            json!({ "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": on_run(&["--report"]) }),
+        ];
+        let amounts = Vec::from_iter(self.amounts());
+        if !amounts.is_empty() {
+            for step in &mut steps[..2] {
+                step["hostRequirements"] = json!({ "amounts": amounts });
+            }
+        }
+        let job = json!({
+            "specificationVersion": "jobtemplate-2023-09",
+            "name": job_name(self.name),
+            "parameterDefinitions": definitions,
+            "steps": steps,
+        });
+        format!("{job:#}\n")
+    }
+
+    /// An action that runs the command with more words in the folder of the project, inside of a line of a shell.
+    fn action(&self, inside: &str, last: &[&str]) -> Json {
+        let (decode, words) = encoded(self.words);
+        let start = ["-c".to_owned(), decode + inside, "{{Param.Project}}".to_owned()];
+        let assignments = self.parameters.iter().map(|it| it.assignment.clone());
+        let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
+        let last = last.iter().map(|&word| word.to_owned());
+        let args = Vec::from_iter(start.into_iter().chain(words).chain(set).chain(last));
+        json!({ "command": "bash", "args": args })
+    }
+
+    /// What a machine must have.
+    fn amounts(&self) -> impl Iterator<Item = Json> {
+        let threads = self.resources.threads.map(|threads| ("vcpu", threads as u64));
+        let memory = self.resources.mebibytes().map(|memory| ("memory", memory));
+        let amount = |(name, min): (&str, u64)| json!({ "name": format!("amount.worker.{name}"), "min": min });
+        threads.into_iter().chain(memory).map(amount)
+    }
+}
+
+/// Words as a template may hold them, and what a shell must do first to have them as they were: `{{` would begin a parameter, and
+/// control characters are refused.
+fn encoded(words: &[String]) -> (String, Vec<String>) {
+    let is_taken = |word: &String| !word.contains(['{', '}']) && !word.contains(char::is_control);
+    if words.iter().all(is_taken) {
+        return (String::new(), words.to_vec());
+    }
+    let encode = |c: char| match c {
+        '\\' => "\\\\".to_owned(),
+        '{' | '}' => format!("\\x{:02x}", u32::from(c)),
+        // Bytes, since a letter has no number in some languages of a shell.
+        c if c.is_control() => c.to_string().bytes().map(|byte| format!("\\x{byte:02x}")).collect(),
+        c => c.to_string(),
+    };
+    let encoded = words.iter().map(|word| word.chars().map(encode).collect());
+    let decode = format!(
+        "own=(); for word in \"${{@:1:{0}}}\"; do printf -v word %b \"$word\"; own+=(\"$word\"); done; shift {0}; set -- \"${{own[@]}}\" \"$@\"; ",
+        words.len()
+    );
+    (decode, encoded.collect())
+}
+
+/// A name that Open Job Description takes: up to 128 characters, without control characters and `{{`, which would begin a parameter.
+fn job_name(name: &str) -> String {
+    let name = name.replace("{{", "{ {").replace("}}", "} }");
+    let name = name.chars().map(|c| if c.is_control() { '-' } else { c }).take(128);
+    let name = String::from_iter(name);
+    if name.trim().is_empty() { "batch".into() } else { name }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_name_is_one_of_a_job() {
+        assert_eq!(job_name("a{{{b}}\n"), "a{ {{b} }-");
+        assert_eq!(job_name(""), "batch");
+        assert_eq!(job_name(&"\u{e4}".repeat(300)).chars().count(), 128);
+    }
+
+    #[test]
+    fn words_that_a_template_cannot_hold_are_encoded() {
+        let words = |words: &[&str]| Vec::from_iter(words.iter().map(|&word| word.to_owned()));
+        let plain = words(&["it's", "a\\b", "\u{e4}"]);
+        assert_eq!(encoded(&plain), (String::new(), plain.clone()));
+        let (decode, found) = encoded(&words(&["a\\b", "{{x}}\t\n"]));
+        assert!(decode.contains("${@:1:2}"), "{decode}");
+        assert_eq!(found, words(&["a\\\\b", "\\x7b\\x7bx\\x7d\\x7d\\x09\\x0a"]));
+    }
+}

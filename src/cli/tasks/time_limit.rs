@@ -1,0 +1,127 @@
+//! The time that a task may take.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+
+use maquette_node::CancelToken;
+
+/// Stops a task when its time is over, or when all are stopped.
+pub(super) struct TimeLimit {
+    token: CancelToken,
+    is_over: Arc<AtomicBool>,
+    /// The clock stops with it.
+    _clock: Option<Sender<()>>,
+}
+
+impl TimeLimit {
+    /// How often the clock looks whether all are stopped.
+    const PERIOD: Duration = Duration::from_millis(20);
+
+    pub(super) fn start(limit: Option<Duration>, all: &CancelToken) -> Self {
+        let is_over = Arc::<AtomicBool>::default();
+        let Some(limit) = limit else {
+            return Self { token: all.clone(), is_over, _clock: None };
+        };
+        let token = CancelToken::default();
+        let (clock, stopped) = channel::<()>();
+        let of_clock = (token.clone(), is_over.clone(), all.clone());
+        std::thread::spawn(move || {
+            let ((token, is_over, all), start) = (of_clock, Instant::now());
+            while stopped.recv_timeout(Self::PERIOD) == Err(RecvTimeoutError::Timeout) {
+                let is_late = limit <= start.elapsed();
+                if is_late || all.is_cancelled() {
+                    is_over.store(is_late && !all.is_cancelled(), Ordering::Relaxed);
+                    return token.cancel();
+                }
+            }
+        });
+        Self { token, is_over, _clock: Some(clock) }
+    }
+
+    /// Stops the task.
+    pub(super) fn token(&self) -> &CancelToken {
+        &self.token
+    }
+
+    /// Returns true if the task was stopped because its time was over.
+    pub(super) fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+}
+
+/// Reads a time: `90s`, `30min`, `1h 30min`.
+///
+/// # Errors
+/// In words, if it is none, or no time at all.
+pub(crate) fn time(text: &str) -> Result<Duration, String> {
+    let wrong = || format!("expected a time as 90s, 30min or 2h, found `{text}`");
+    let (mut seconds, mut rest) = (0.0, text.trim());
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').ok_or_else(wrong)?;
+        let number = rest[..digits].parse::<f64>().map_err(|_| wrong())?;
+        rest = rest[digits..].trim_start();
+        let letters = rest.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(rest.len());
+        let unit = match &rest[..letters] {
+            "s" => 1.0,
+            "min" | "m" => 60.0,
+            "h" => 3600.0,
+            "d" => 86400.0,
+            _ => return Err(wrong()),
+        };
+        seconds += number * unit;
+        rest = rest[letters..].trim_start();
+    }
+    Duration::try_from_secs_f64(seconds).ok().filter(|time| !time.is_zero()).ok_or_else(wrong)
+}
+
+/// A time as people read it, which is also one that [`time`] reads.
+pub(crate) fn in_words(time: Duration) -> String {
+    let seconds = time.as_secs();
+    if time.subsec_nanos() != 0 {
+        return format!("{}s", time.as_secs_f64());
+    }
+    let parts = [(seconds / 3600, "h"), (seconds / 60 % 60, "min"), (seconds % 60, "s")];
+    let parts = parts.iter().filter(|(count, _)| *count != 0);
+    Vec::from_iter(parts.map(|(count, unit)| format!("{count}{unit}"))).join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_read_as_they_are_written() {
+        for (text, seconds, words) in [
+            ("90s", 90.0, "1min 30s"),
+            ("30min", 1800.0, "30min"),
+            ("2h", 7200.0, "2h"),
+            ("1h30min", 5400.0, "1h 30min"),
+            ("0.5 s", 0.5, "0.5s"),
+            ("1d", 86400.0, "24h"),
+        ] {
+            let found = time(text).unwrap();
+            assert_eq!((found.as_secs_f64(), &in_words(found)[..]), (seconds, words));
+            assert_eq!(time(words).unwrap(), found);
+        }
+        for wrong in ["", "5", "h", "0s", "-1s", "5 parsecs", "1e999h", "1..2s"] {
+            assert!(time(wrong).unwrap_err().starts_with("expected a time"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_task_stops_with_all_or_at_its_limit() {
+        let all = CancelToken::default();
+        let wait = |limit: &TimeLimit| {
+            while !limit.token().is_cancelled() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            limit.is_over()
+        };
+        assert!(wait(&TimeLimit::start(Some(Duration::from_millis(1)), &all)));
+        let limit = TimeLimit::start(Some(Duration::from_secs(3600)), &all);
+        all.cancel();
+        assert!(!wait(&limit));
+    }
+}

@@ -1,0 +1,77 @@
+//! Lines of OBJ files, and the numbers in them.
+
+use memchr::{memchr, memchr_iter};
+
+use super::ObjError;
+use crate::{excerpt, real};
+
+/// Calls `read` with each line, comments and all, joined with those that a `\` at its end goes on in, and the number of its first one.
+pub(super) fn for_lines(
+    bytes: &[u8],
+    mut read: impl FnMut(&[u8], usize) -> Result<(), ObjError>,
+) -> Result<(), ObjError> {
+    // Very old programs end lines with CR alone.
+    let end = if memchr(b'\n', bytes).is_some() { b'\n' } else { b'\r' };
+    let mut start = 0;
+    let ends = memchr_iter(end, bytes).chain([bytes.len()]);
+    let lines = ends.map(|end| &bytes[std::mem::replace(&mut start, end + 1)..end]);
+    let mut lines = lines.enumerate();
+    while let Some((index, text)) = lines.next() {
+        let text = text.trim_ascii_end();
+        let Some(start) = text.strip_suffix(b"\\") else {
+            read(text, index + 1)?;
+            continue;
+        };
+        // Only a line that goes on in the next one is copied.
+        let mut joined = start.to_vec();
+        for (_, next) in lines.by_ref() {
+            let next = next.trim_ascii_end();
+            let part = next.strip_suffix(b"\\");
+            joined.push(b' ');
+            joined.extend_from_slice(part.unwrap_or(next));
+            if part.is_none() {
+                break;
+            }
+        }
+        read(&joined, index + 1)?;
+    }
+    Ok(())
+}
+
+/// The line without its comment; `1.#QNAN` is a number and none.
+pub(super) fn without_comment(text: &[u8]) -> &[u8] {
+    let end = memchr_iter(b'#', text).find(|hash| !text[..*hash].ends_with(b"."));
+    &text[..end.unwrap_or(text.len())]
+}
+
+/// The index that a number in a file means: 1 is the first of all, -1 the last so far.
+pub(super) fn resolve(
+    index: i64,
+    what: &'static str,
+    count: usize,
+    line: usize,
+) -> Result<usize, ObjError> {
+    let resolved = if index < 0 { index + count as i64 } else { index - 1 };
+    match usize::try_from(resolved) {
+        Ok(resolved) if resolved < count => Ok(resolved),
+        _ => Err(ObjError::Index { line, what, index, count }),
+    }
+}
+
+/// The first numbers of a line, at most N and at least `least`, and how many words there are.
+pub(super) fn numbers<'a, const N: usize>(
+    words: impl Iterator<Item = &'a [u8]>,
+    least: usize,
+    line: usize,
+) -> Result<([f64; N], usize), ObjError> {
+    let mut numbers = [0.0; N];
+    let mut found = 0;
+    for (number, word) in numbers.iter_mut().zip(words) {
+        *number = real(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?;
+        found += 1;
+    }
+    if found < least {
+        return Err(ObjError::Count { line, found, expected: least });
+    }
+    Ok((numbers, found))
+}

@@ -1,0 +1,256 @@
+//! The scalar properties of an element, and the mesh that vertices and faces with such properties are.
+
+use std::borrow::Cow;
+
+use maquette_value::{Attribute, Mesh, Rgb};
+use nalgebra::Point3;
+
+use super::PlyError;
+use super::body::{Body, Rows};
+use super::faces::FaceTable;
+use super::header::{Element, Header, Kind, Property, Scalar};
+use crate::colors::{self, ColorRange};
+use crate::corners::with_corners;
+use crate::finite::{self, Finite};
+
+/// What programs call the channels of colors, in small or capital letters.
+const COLORS: [[&str; 3]; 3] =
+    [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
+
+/// The scalar properties of an element, row by row.
+pub(super) struct Table<'a> {
+    pub(super) columns: Vec<Column>,
+    pub(super) rows: Rows<'a>,
+    /// The range of colors, if the user says it.
+    pub(super) color_range: Option<ColorRange>,
+}
+
+/// A property in a table: how the file has it, and where and how the table has it.
+pub(super) struct Column {
+    pub(super) property: Property,
+    pub(super) offset: usize,
+    pub(super) stored: Scalar,
+}
+
+impl<'a> Table<'a> {
+    /// Takes the rows as they are if they are binary and all of one length; reads all numbers otherwise.
+    pub(super) fn read(element: &Element, body: &mut Body<'a>) -> Result<Self, PlyError> {
+        let properties = element.properties.iter();
+        let scalars = properties.clone().filter(|property| property.length.is_none());
+        let raw = if scalars.clone().count() == element.properties.len() {
+            body.take_rows(element)?
+        } else {
+            None
+        };
+        let mut stride = 0;
+        let columns = scalars.map(|property| {
+            let stored = if raw.is_some() { property.scalar } else { Scalar::F64 };
+            let offset = stride;
+            stride += stored.size();
+            Column { property: property.clone(), offset, stored }
+        });
+        let columns = Vec::from_iter(columns);
+        let (bytes, big_endian) = match raw {
+            Some((bytes, big_endian)) => (Cow::Borrowed(bytes), big_endian),
+            None => (Cow::Owned(read_numbers(element, body, stride)?), false),
+        };
+        let count = if columns.is_empty() { 0 } else { element.count };
+        let rows = Rows { bytes, stride, count, big_endian };
+        Ok(Self { columns, rows, color_range: None })
+    }
+
+    /// Takes several columns out, if all are there.
+    pub(super) fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<[Column; N]> {
+        self.take_if(names, |column, name| column.property.name == name)
+    }
+
+    /// Takes out the first column of each of these names, if all are there, by whatever makes a column one of a name.
+    pub(super) fn take_if<const N: usize>(
+        &mut self,
+        names: [&str; N],
+        is: impl Fn(&Column, &str) -> bool,
+    ) -> Option<[Column; N]> {
+        let has = |name: &&str| self.columns.iter().any(|column| is(column, name));
+        names.iter().all(has).then(|| {
+            names.map(|name| {
+                let place = self.columns.iter().position(|column| is(column, name));
+                self.columns.remove(place.expect("it was found before"))
+            })
+        })
+    }
+
+    /// Takes colors out, if they are there, whatever they are called.
+    pub(super) fn take_colors(&mut self, notes: &mut Vec<String>) -> Option<Vec<Rgb>> {
+        let columns = COLORS.into_iter().find_map(|names| {
+            // Fractions of such short names may be anything.
+            let is_short = names[0].len() == 1;
+            self.take_if(names, |Column { property, .. }, name| {
+                property.name.eq_ignore_ascii_case(name)
+                    && !(is_short && property.scalar.is_float())
+            })
+        })?;
+        Some(self.colors(&columns, notes))
+    }
+
+    /// The colors in these columns.
+    fn colors(&self, columns: &[Column; 3], notes: &mut Vec<String>) -> Vec<Rgb> {
+        let usual = match columns[0].property.scalar {
+            Scalar::U8 => {
+                return self.rows.gather(columns, |color| color.map(|channel| channel as u8));
+            }
+            Scalar::F32 | Scalar::F64 => ColorRange::To1,
+            Scalar::U16 => ColorRange::To65535,
+            _ => ColorRange::To255,
+        };
+        let colors = self.rows.gather(columns, |color| color);
+        let (all, are_whole) = (colors.iter().flatten().copied(), usual != ColorRange::To1);
+        let range = colors::decide(self.color_range, all, are_whole, usual, notes);
+        let color = |color: [f64; 3]| color.map(|channel| colors::byte(range, channel));
+        colors.into_iter().map(color).collect()
+    }
+
+    /// Takes out what the comments of our own files say.
+    fn take_attribute(
+        &mut self,
+        kind: Kind,
+        name: &str,
+        notes: &mut Vec<String>,
+    ) -> Option<Attribute> {
+        let suffixes = kind.suffixes().iter();
+        let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
+        let names = Vec::from_iter(names.iter().map(|name| &**name));
+        Some(match (kind, &names[..]) {
+            (Kind::Flag, &[flag]) => {
+                let columns = self.take([flag])?;
+                Attribute::Flag(self.rows.gather(&columns, |[flag]| u8::from(flag != 0.0)).into())
+            }
+            (Kind::Pair, &[first, second]) => {
+                let columns = self.take([first, second])?;
+                Attribute::Pair(self.rows.gather(&columns, |pair| pair).into())
+            }
+            (Kind::Vector, &[x, y, z]) => {
+                let columns = self.take([x, y, z])?;
+                Attribute::Vector(self.rows.gather(&columns, |vector| vector).into())
+            }
+            (_, &[red, green, blue]) => {
+                let columns = self.take([red, green, blue])?;
+                Attribute::Color(self.colors(&columns, notes).into())
+            }
+            _ => return None,
+        })
+    }
+
+    pub(super) fn into_mesh(
+        mut self,
+        header: &Header,
+        faces: FaceTable,
+        notes: &mut Vec<String>,
+    ) -> Result<(Mesh, Finite), PlyError> {
+        let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+        let mut positions = self.rows.gather(&places, Point3::from);
+        let finite = Finite::of(&mut positions);
+        let (uv, faces_table) = (faces.uv, faces.scalars);
+        let (faces, origins) = match faces.triangles {
+            Some(triangles) => (triangles, Vec::new()),
+            None => faces.list.finish()?,
+        };
+        let mut mesh = Mesh::new(positions, faces)?;
+        if let Some(normals) = self.take(["nx", "ny", "nz"]) {
+            let mut normals = self.rows.gather(&normals, |normal| normal);
+            notes.extend(finite::mend(&mut normals, "normal", "vertex", |index| {
+                finite.contains(index)
+            }));
+            mesh = mesh.with_vertex("normal", Attribute::Vector(normals.into()))?;
+        }
+        let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
+        if let Some(uv) = pairs.into_iter().find_map(|names| self.take(names)) {
+            let mut uv = self.rows.gather(&uv, |uv| uv);
+            notes.extend(finite::mend(&mut uv, "uv", "vertex", |index| finite.contains(index)));
+            mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
+        } else if let Some(uv) = uv {
+            let mut corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
+            notes.extend(finite::mend(&mut corners, "uv", "corner", |_| true));
+            mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
+        }
+        for (name, attribute) in self.take_attributes(&header.attributes, "vertices", notes) {
+            mesh = mesh.with_vertex(&name, attribute)?;
+        }
+        let known = &header.face_attributes;
+        let of_faces = faces_table.map(|table| table.take_attributes(known, "faces", notes));
+        for (name, attribute) in of_faces.unwrap_or_default() {
+            mesh = mesh.with_face(&name, attribute)?;
+        }
+        Ok((mesh, finite))
+    }
+
+    /// Takes out all that is left: what our own comments say of it, colors, and columns by their names.
+    fn take_attributes(
+        mut self,
+        known: &[(Kind, String)],
+        of: &str,
+        notes: &mut Vec<String>,
+    ) -> Vec<(String, Attribute)> {
+        let mut found = Vec::new();
+        if let Some(colors) = self.take_colors(notes) {
+            found.push(("color".to_owned(), Attribute::Color(colors.into())));
+        }
+        for (kind, name) in known {
+            found.extend(self.take_attribute(*kind, name, notes).map(|it| (name.clone(), it)));
+        }
+        for column in std::mem::take(&mut self.columns) {
+            let (property, column) = (column.property.clone(), [column]);
+            let attribute = match property.scalar {
+                Scalar::U8 if property.name == "filled" => Attribute::Flag(
+                    self.rows.gather(&column, |[flag]| u8::from(flag != 0.0)).into(),
+                ),
+                Scalar::U32 => {
+                    Attribute::Index(self.rows.gather(&column, |[index]| index as u32).into())
+                }
+                Scalar::F32 | Scalar::F64 => {
+                    Attribute::Number(self.rows.gather(&column, |[number]| number).into())
+                }
+                _ if property.name == "alpha" => {
+                    let alpha = self.rows.gather(&column, |[alpha]| alpha);
+                    let first = alpha.first().copied().unwrap_or(255.0);
+                    let is_opaque = [255.0, 65535.0].contains(&first);
+                    if !is_opaque || alpha.iter().any(|alpha| *alpha != first) {
+                        notes.push(format!("`alpha` of {of} is left out: colors are opaque"));
+                    }
+                    continue;
+                }
+                Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16 | Scalar::I32 => {
+                    let numbers = self.rows.gather(&column, |[number]| number);
+                    match numbers.iter().all(|number| *number >= 0.0) {
+                        true => Attribute::Index(numbers.into_iter().map(|x| x as u32).collect()),
+                        false => Attribute::Number(numbers.into()),
+                    }
+                }
+            };
+            found.push((property.name, attribute));
+        }
+        found
+    }
+}
+
+/// All scalars of an element, row by row, in double precision and little endian.
+fn read_numbers(
+    element: &Element,
+    body: &mut Body<'_>,
+    stride: usize,
+) -> Result<Vec<u8>, PlyError> {
+    // Rows of nothing take no bytes, and a header may promise any number of them.
+    if element.properties.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut bytes = Vec::with_capacity(stride * element.count);
+    for _ in 0..element.count {
+        for property in &element.properties {
+            match property.length {
+                Some(length) => body.skip_list(length, property.scalar)?,
+                None => bytes.extend(body.number(property.scalar)?.to_le_bytes()),
+            }
+        }
+        body.end_row(element)?;
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,332 @@
+//! What people expect of a farm: a log of each task, limits, resources, and a page at the end, whatever the engine.
+
+use std::os::unix::fs::symlink;
+use std::path::PathBuf;
+
+use super::*;
+
+/// Three scans, of which the one in the middle is none.
+fn with_a_broken_scan() -> Project {
+    let project = scanned();
+    write(&project, "scans/c it's $HOME; {{d}}.obj", "no mesh\n");
+    project
+}
+
+/// What hands the batch over with these options.
+fn emitted_with(project: &Project, engine: &str, options: &[&str]) -> String {
+    let words = [&["batch", "s.sweep.ron", "--emit", engine], options].concat();
+    let output = project.maquette(&words);
+    assert!(output.status.success(), "{}", err(&output));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn is_installed(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok()
+}
+
+/// Checks that each task has a log that says how it ended, and that the page is there.
+fn check_logs(project: &Project, engine: &str) {
+    let lists = project.folder().join("out/s.sweep/tasks/@handovers");
+    let lists = fs::read_dir(lists).unwrap().map(|entry| entry.unwrap().path());
+    let logs = lists.filter(|path| path.is_dir()).collect::<Vec<_>>();
+    let [logs] = &logs[..] else { panic!("{engine}: {logs:?}") };
+    let log = |name: &str| {
+        let files = fs::read_dir(logs).unwrap().map(|file| file.unwrap().path());
+        let is_it = |path: &PathBuf| {
+            let file = path.file_name().unwrap().to_string_lossy();
+            file.starts_with(name) && file.ends_with(".log")
+        };
+        let path = Vec::from_iter(files.filter(is_it));
+        let [path] = &path[..] else { panic!("{engine}: no log of {name}") };
+        fs::read_to_string(path).unwrap()
+    };
+    for name in ["b", "e"] {
+        let text = log(name);
+        assert!(text.starts_with(&format!("task {name}, process ")), "{engine}: {text}");
+        assert!(text.contains("a.ply"), "{engine}: {text}");
+        // What others have computed is not computed again, and what is done not run again.
+        assert!(name == "e" || text.contains("s  computed moved ("), "{engine}: {text}");
+        let last = text.lines().last().unwrap();
+        let is_done = last.starts_with("done in ") || last.starts_with("not run: done");
+        assert!(is_done, "{engine}: {text}");
+    }
+    // Its name has signs that not every file system takes.
+    let text = log("c");
+    assert!(text.contains("error: ") && text.contains("doll.ron:5:"), "{engine}: {text}");
+    assert!(text.lines().last().unwrap().starts_with("failed after "), "{engine}: {text}");
+    assert!(project.folder().join("out/s.sweep/index.html").is_file(), "{engine}: no page");
+    assert_eq!(records(project).len(), 3, "{engine}");
+}
+
+#[test]
+fn every_engine_leaves_a_log_of_each_task_and_the_page_behind_a_failure() {
+    for engine in ["lines", "openjd", "slurm"] {
+        let project = with_a_broken_scan();
+        let job = emitted(&project, engine);
+        let tasks = match engine {
+            "lines" => {
+                job.lines().map(|line| vec!["bash".into(), "-c".into(), line.into()]).collect()
+            }
+            "openjd" => commands_of_openjd(&project, &job)[1].clone(),
+            _ => commands_of_slurm(&project, &job)[1].clone(),
+        };
+        let codes = tasks.iter().map(|command: &Vec<String>| {
+            let words = Vec::from_iter(command[1..].iter().map(String::as_str));
+            run(&project, &command[0], &words).status.code()
+        });
+        assert_eq!(Vec::from_iter(codes), [Some(0), Some(1), Some(0)], "{engine}");
+        check_logs(&project, engine);
+    }
+}
+
+#[test]
+fn lines_are_a_script_that_goes_on_behind_a_failure_and_fails() {
+    for shell in ["bash", "bash -e", "sh"] {
+        let project = with_a_broken_scan();
+        write(&project, "jobs", &emitted(&project, "lines"));
+        let output = super::shell(&project, &format!("{shell} jobs"));
+        assert_eq!(output.status.code(), Some(1), "{shell}: {}", err(&output));
+        check_logs(&project, shell);
+        // What is right is no failure.
+        scan(&project, "c it's $HOME; {{d}}");
+        assert_eq!(super::shell(&project, &format!("{shell} jobs")).status.code(), Some(0));
+    }
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+fn make_goes_on_behind_a_failure_and_makes_the_page() {
+    if !is_installed("make") {
+        return println!("skipped: there is no make here");
+    }
+    let project = with_a_broken_scan();
+    write(&project, "jobs.mk", &emitted_with(&project, "make", &["--jobs", "2"]));
+    let output = shell(&project, "make -f jobs.mk");
+    assert_eq!(output.status.code(), Some(2), "{}", err(&output));
+    check_logs(&project, "make");
+    assert!(err(&output).contains("3 tasks: 2 done, 1 failed, 0 missing"), "{}", err(&output));
+    assert!(err(&output).contains("@handovers/"), "the logs are named: {}", err(&output));
+    scan(&project, "c it's $HOME; {{d}}");
+    let output = shell(&project, "make -f jobs.mk");
+    assert_eq!(output.status.code(), Some(0), "{}", err(&output));
+    scan(&project, "a");
+    let output = shell(&project, "make -f jobs.mk");
+    assert!(!output.status.success() && err(&output).contains("1 added (`a`)"), "{}", err(&output));
+    assert_eq!(records(&project).len(), 3);
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
+    if !is_installed("python3") {
+        return println!("skipped: there is no python3 here");
+    }
+    const RUN: &str = "if subprocess.run(words).returncode:";
+    const LOGGED: &str = "if subprocess.run(words[0], stdout=open(words[1], 'w'), stderr=open(words[2], 'w')).returncode:";
+    let fake = HYPERQUEUE.replace(RUN, LOGGED);
+    let fake = fake.replace("def program(self, words, **_):", "def program(self, words, stdout, stderr, resources):\n        ASKED.append(repr(resources))");
+    let fake =
+        fake.replace("self.calls.append(words)", "self.calls.append((words, stdout, stderr))");
+    let fake = fake.replace("\"--task\" in words", "\"--task\" in words[0]") + "\nASKED = []\n";
+    let request = "\nclass ResourceRequest:\n    def __init__(self, **asked):\n        self.asked = asked\n    def __repr__(self):\n        return repr(self.asked)\n";
+    let project = with_a_broken_scan();
+    fs::create_dir_all(project.folder().join("hyperqueue/ffi")).unwrap();
+    write(&project, "hyperqueue/__init__.py", &fake);
+    write(&project, "hyperqueue/ffi/__init__.py", "");
+    write(&project, "hyperqueue/ffi/protocol.py", request);
+    let options = ["--threads", "2", "--max-memory", "1GB", "--jobs", "2", "--time-limit", "1h"];
+    let job = emitted_with(&project, "hq", &options);
+    assert!(job.contains("\"--time-limit\",\"1h\""), "{job}");
+    write(
+        &project,
+        "job.py",
+        &job.replace("sys.exit(run(Client", "code = run(Client").replace(
+            "argv[1:])))\n",
+            "argv[1:]))\nimport hyperqueue\nprint(hyperqueue.ASKED)\nsys.exit(code)\n",
+        ),
+    );
+    let output = shell(&project, "python3 job.py server");
+    assert_eq!(output.status.code(), Some(1), "{}", err(&output));
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(told.contains("'cpus': 2") && told.contains("'mem': 1193"), "{told}");
+    check_logs(&project, "hq");
+    let logs = shell(&project, "cat out/s.sweep/tasks/@handovers/*/@1.err.log");
+    assert!(String::from_utf8_lossy(&logs.stdout).contains("doll.ron:5:"), "{logs:?}");
+}
+
+#[test]
+fn slurm_is_asked_for_resources_logs_and_limits() {
+    let project = scanned();
+    let options = ["--threads", "4", "--max-memory", "8GB", "--jobs", "2", "--time-limit", "90min"];
+    let script = emitted_with(&project, "slurm", &[&options[..], &["--chunk", "2"]].concat());
+    write(&project, "submit.sh", &script);
+    fs::create_dir_all(project.folder().join("slurm")).unwrap();
+    write(
+        &project,
+        "slurm/sbatch",
+        "#!/usr/bin/env bash\ncat > /dev/null\nprintf '%s\\n' \"$@\" >> words\necho 1\n",
+    );
+    let run =
+        shell(&project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh --time=5");
+    assert!(run.status.success(), "{}", err(&run));
+    let words = fs::read_to_string(project.folder().join("words")).unwrap();
+    for wanted in ["--array=0-1%2", "--cpus-per-task=4", "--mem=9537M", "--time=181", "--time=5"] {
+        assert!(words.lines().any(|line| line == wanted), "{wanted} in {words}");
+    }
+    let logs = words.lines().filter_map(|line| line.strip_prefix("--output="));
+    for (log, name) in logs.zip(["/@warm.log", "/@%a.log", "/@sheet.log"]) {
+        assert!(log.ends_with(name), "{log}");
+        assert!(project.folder().join(log).parent().unwrap().is_dir(), "{log}");
+    }
+}
+
+#[test]
+fn chunks_run_all_tasks_and_go_on_behind_a_failure() {
+    let project = with_a_broken_scan();
+    let lines = emitted_with(&project, "lines", &["--chunk", "2"]);
+    let codes = lines.lines().map(|line| shell(&project, line).status.code());
+    assert_eq!(Vec::from_iter(codes), [Some(1), Some(0)]);
+    check_logs(&project, "chunks");
+    let refused = project.maquette(&["batch", "s.sweep.ron", "--chunk", "2", "--task", "2"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(err(&refused).contains("there is no chunk 2"), "{}", err(&refused));
+    let job = emitted_with(&project, "openjd", &["--chunk", "2", "--time-limit", "1min"]);
+    let [_, tasks, _] = commands_of_openjd(&project, &job);
+    assert_eq!(tasks.len(), 2);
+    let words = Vec::from_iter(tasks[0][1..].iter().map(String::as_str));
+    let output = run(&project, "bash", &words);
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    let last = told.lines().rev().find_map(|line| line.strip_prefix("openjd_progress: "));
+    assert_eq!(last, Some("100"), "{told}");
+}
+
+#[test]
+fn who_cannot_say_how_many_jobs_run_is_told_where_it_is_said() {
+    let project = scanned();
+    for (engine, help) in [("openjd", "submitted"), ("lines", "parallel --jobs")] {
+        let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine, "--jobs", "2"]);
+        assert_eq!(output.status.code(), Some(2), "{engine}");
+        assert!(err(&output).contains(help), "{}", err(&output));
+    }
+}
+
+#[test]
+fn a_task_that_takes_too_long_is_stopped_and_tried_again() {
+    let project = Project::with_tetrahedron(
+        r#"Graph(
+    format: 1,
+    params: { "levels": Integer(default: 1, min: 0, max: 9, doc: "Levels.") },
+    nodes: {
+        "mesh": ReadMesh(path: "tet.obj"),
+        "fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels")),
+    },
+    outputs: { "out.ply": "fine" },
+)
+"#,
+    );
+    let batch = |more: &[&str]| {
+        let words = ["batch", "doll.ron", "--sweep", "levels=1,8", "--json", "--no-cache"];
+        let output = project.maquette(&[&words, more].concat());
+        let told: Json = serde_json::from_slice(&output.stdout).unwrap();
+        let state = |index: usize| told["tasks"][index]["state"].as_str().unwrap().to_owned();
+        let why = told["tasks"][1]["problems"][0]["message"].clone();
+        (output.status.code(), state(1), why.as_str().unwrap_or_default().to_owned())
+    };
+    let late = batch(&["--time-limit", "0.001s"]);
+    let why = "the task took longer than 0.001s, its limit".to_owned();
+    assert_eq!(late, (Some(1), "failed".into(), why));
+    assert_eq!(batch(&["--time-limit", "1h"]), (Some(0), "done".into(), String::new()));
+}
+
+#[test]
+fn a_password_that_is_left_out_is_told() {
+    let project = scanned();
+    for engine in ["lines", "openjd", "slurm", "hq", "make"] {
+        let server = "http://me:secret@127.0.0.1:1/x";
+        let output =
+            project.maquette(&["batch", "s.sweep.ron", "--cache-remote", server, "--emit", engine]);
+        assert!(output.status.success(), "{}", err(&output));
+        assert!(!String::from_utf8_lossy(&output.stdout).contains("secret"));
+        let told = err(&output);
+        assert!(
+            told.contains("--cache-remote has a name or a password") && !told.contains("secret"),
+            "{told}"
+        );
+        assert!(told.contains("MAQUETTE_CACHE_REMOTE"), "{told}");
+    }
+}
+
+/// Names that a shell, a template or an option parser would take for something else.
+#[test]
+fn files_have_any_names() {
+    for name in
+        ["-x it's \"so\"", "{{Param.Project}}\ttab", "gr\u{f6}\u{df}er $PWD `id` @NAME@ a\\x41%d"]
+    {
+        for engine in ["lines", "openjd", "slurm", "make"] {
+            let project = scanned();
+            let file = format!("{name}.sweep.ron");
+            let out = format!("{name} out");
+            fs::rename(project.folder().join("s.sweep.ron"), project.folder().join(&file)).unwrap();
+            let out_word = format!("--out={out}");
+            let emit = ["--emit", engine, &out_word];
+            let output = project.maquette(&[&["batch"], &emit[..], &["--", &file]].concat());
+            assert!(output.status.success(), "{name}, {engine}: {}", err(&output));
+            let job = String::from_utf8(output.stdout).unwrap();
+            match engine {
+                "lines" => write(&project, "jobs", &job),
+                "make" if !is_installed("make") => continue,
+                "make" => write(&project, "jobs.mk", &job),
+                "openjd" => {
+                    let commands = commands_of_openjd(&project, &job);
+                    commands.iter().for_each(|commands| succeeds(&project, commands));
+                }
+                _ => {
+                    let commands = commands_of_slurm(&project, &job);
+                    commands.iter().for_each(|commands| succeeds(&project, commands));
+                }
+            }
+            let run = match engine {
+                "lines" => shell(&project, "bash jobs"),
+                "make" => shell(&project, "make -f jobs.mk"),
+                _ => shell(&project, "true"),
+            };
+            assert!(run.status.success(), "{name}, {engine}: {}", err(&run));
+            let page = project.folder().join(&out).join("index.html");
+            assert!(page.is_file(), "{name}, {engine}: no {}", page.display());
+        }
+    }
+}
+
+#[test]
+fn paths_in_the_project_are_written_from_there() {
+    let project = scanned();
+    let folder = project.folder().display().to_string();
+    let link = project
+        .folder()
+        .parent()
+        .unwrap()
+        .join(format!("{}-link", project.folder().file_name().unwrap().display()));
+    symlink(project.folder(), &link).unwrap();
+    let linked = link.display().to_string();
+    for from in [&folder, &linked] {
+        let sweep = format!("{from}/scans/../s.sweep.ron");
+        let (out, cache) = (format!("{from}/out/x"), format!("{from}/results"));
+        let words =
+            ["batch", &sweep, "--emit", "openjd", "--out", &out, "--cache", &cache, "--root", from];
+        let output = project.maquette(&words);
+        let job = String::from_utf8(output.stdout.clone()).unwrap();
+        assert!(output.status.success(), "{}", err(&output));
+        let args = commands_of_openjd(&project, &job)[1][0].clone();
+        let words = args[4..].join(" ");
+        assert!(
+            words.contains(" batch s.sweep.ron --out out/x ") && words.contains(" --cache results"),
+            "{words}"
+        );
+        let graph = format!("{from}/doll.ron");
+        let scans = format!("{from}/scans/*.obj");
+        let output = project.maquette(&["batch", &graph, "--scans", &scans, "--emit", "lines"]);
+        let job = String::from_utf8(output.stdout.clone()).unwrap();
+        assert!(job.contains(" batch doll.ron --scans 'scans/*.obj' "), "{job}{}", err(&output));
+    }
+    fs::remove_file(link).unwrap();
+}

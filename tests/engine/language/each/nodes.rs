@@ -1,0 +1,138 @@
+//! Nodes and a value to go over.
+
+use maquette::value::{Curve, Mesh, Parts, Points};
+use maquette::{
+    AnyValue, Context, DecodeError, Decoder, Elements, Encoder, Error, In, NoElements, Node,
+    Summary, Value, value_type,
+};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A sum, and one point more.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(super) struct Add {
+    /// What there is.
+    sum: In<Points>,
+    /// What comes.
+    point: In<Points>,
+}
+
+impl Node for Add {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["sum"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let all =
+            cx.get(&self.sum).positions().iter().chain(cx.get(&self.point).positions().iter());
+        Ok((Points::new(all.copied().collect::<Vec<_>>())?,))
+    }
+}
+
+/// One point on the x axis.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(super) struct Along {
+    /// Where.
+    at: u32,
+}
+
+impl Node for Along {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(vec![Point3::new(f64::from(self.at), 0.0, 0.0)])?,))
+    }
+}
+
+/// The first corners of a mesh.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(super) struct Corner {
+    /// The mesh.
+    mesh: In<Mesh>,
+}
+
+impl Node for Corner {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(vec![cx.get(&self.mesh).positions()[0]])?,))
+    }
+}
+
+/// The points of a curve.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(super) struct Rim {
+    /// The curve.
+    curve: In<Curve>,
+}
+
+impl Node for Rim {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(cx.get(&self.curve).points().clone())?,))
+    }
+}
+
+/// A stranger's value: numbers on a string, each a string by itself.
+#[derive(Clone, Debug)]
+pub(super) struct Beads(pub(super) Vec<u8>);
+
+impl Value for Beads {
+    const NAME: &'static str = "Beads";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&Vec::from_iter(self.0.iter().map(|&bead| usize::from(bead))));
+    }
+
+    fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Err(DecodeError)
+    }
+
+    fn size(&self) -> usize {
+        self.0.len()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default()
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
+    }
+
+    fn elements() -> Vec<Elements<Self>> {
+        fn one_by_one(
+            beads: &Beads,
+            most: usize,
+            _: &[AnyValue],
+        ) -> Result<Vec<AnyValue>, NoElements> {
+            match beads.0.len() {
+                count if count > most => Err(NoElements::TooMany { count }),
+                _ => Ok(beads.0.iter().map(|&bead| AnyValue::new(Beads(vec![bead]))).collect()),
+            }
+        }
+        let kind = value_type::<Self>();
+        vec![Elements { word: "One", name: "beads", kind, cut: one_by_one }]
+    }
+}
+
+/// The numbers of beads, as points.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(super) struct Count {
+    /// The beads.
+    beads: In<Beads>,
+}
+
+impl Node for Count {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let point = |&bead: &u8| Point3::new(f64::from(bead), 0.0, 0.0);
+        Ok((Points::new(cx.get(&self.beads).0.iter().map(point).collect::<Vec<_>>())?,))
+    }
+}
