@@ -259,7 +259,7 @@ def test_convert_to_mesh_makes_it_static(small: bpy.types.Object) -> None:
     until(lambda: module("live").state(small).marked)
     assert bpy.ops.object.convert(target="MESH") == {"FINISHED"}
     turn(small, "tall", 2.0)
-    # FIXME: before 5.0, a conversion of a mesh without modifiers leaves no trace.
+    # Before 5.0, a conversion of a mesh without modifiers leaves no trace.
     is_static = bpy.app.version >= (5, 0)
     assert bool((positions(small) == first).all()) == ("converted" in module("live").hindrance(small)) == is_static
 
