@@ -17,6 +17,7 @@ use maquette_value::plain;
 use tempfile::NamedTempFile;
 
 mod large;
+mod log;
 mod shelf;
 mod sources;
 mod spare;
@@ -24,6 +25,7 @@ mod temporary;
 mod turn;
 
 pub(crate) use large::{bring_to_disk, write_at};
+pub use log::{begin_log, open_log, remove_logs};
 pub use shelf::Shelf;
 pub use sources::Sources;
 pub(crate) use spare::Spare;
@@ -259,11 +261,6 @@ pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
     file.write_all(text.as_bytes())?;
     file.persist_noclobber(path).map_err(|error| error.error)?;
     Ok(())
-}
-
-/// Opens a log at its end: what was there stays.
-pub fn open_log(path: &Path) -> io::Result<File> {
-    File::options().create(true).append(true).open(path)
 }
 
 /// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.

@@ -1,12 +1,13 @@
 //! The log of each task that a farm runs: what it does, until it ends or its process is killed.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use maquette_engine::eval::{Observer, State as NodeState};
+use maquette_engine::writing;
 use maquette_golden::sweep::Task;
 
 use super::Batch;
@@ -127,9 +128,8 @@ impl Batch<'_> {
             std::process::id(),
             String::from_iter(values)
         );
-        let file = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))
-            .and_then(|()| File::create(&path));
-        let log = Log { start: Instant::now(), file: Mutex::new(file.ok()) };
+        let file = writing::begin_log(&path).ok();
+        let log = Log { start: Instant::now(), file: Mutex::new(file) };
         log.write(&head);
         Some(log)
     }
@@ -137,10 +137,8 @@ impl Batch<'_> {
     /// Notes that a task need not be run.
     pub(super) fn note_unchanged(&self, task: &Task, state: State) {
         let Some(path) = self.log_path(task) else { return };
-        let _ = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")));
-        let file = OpenOptions::new().append(true).create(true).open(path);
         // It is of no use but for people.
-        let _ = file.and_then(|mut file| {
+        let _ = writing::open_log(&path).and_then(|mut file| {
             writeln!(file, "not run: {}, and nothing has changed", state.word())
         });
     }

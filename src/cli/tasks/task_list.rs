@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use maquette_engine::writing::Sources;
+use maquette_engine::writing::{self, Sources};
 use maquette_golden::sweep::{Sweep, Task};
 use maquette_syntax::paths::{folder_of_new, path_between};
 use maquette_value::Hash;
@@ -187,7 +187,7 @@ impl Batch<'_> {
         let written = self.destination(&Sources::default()).put(&path, &bytes);
         written.map_err(|why| unwritten(&path, &why))?;
         // Logs of the same tasks that were handed over before are of another run.
-        let _ = fs::remove_dir_all(self.logs(&hash));
+        writing::remove_logs(&self.logs(&hash));
         Ok(hash)
     }
 
