@@ -233,7 +233,6 @@ def tick() -> None:
     for owner in owners:
         it = state(owner)
         values.take(owner, it.controls)
-        _touched(owner, it)
         _marked(owner, it)
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False

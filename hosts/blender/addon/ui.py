@@ -54,18 +54,21 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class MAQUETTE_FH_graph(bpy.types.FileHandler):
-    """Graphs that are dropped into a 3D view or the outliner."""
+# Windows of Blenders before 4.1, in which pictures of tests are made, have no such class.
+if hasattr(bpy.types, "FileHandler"):
 
-    bl_idname = "MAQUETTE_FH_graph"
-    bl_label = "Maquette Graph"
-    bl_import_operator = "maquette.add"
-    bl_file_extensions = ".ron"
+    class MAQUETTE_FH_graph(bpy.types.FileHandler):
+        """Graphs that are dropped into a 3D view or the outliner."""
 
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Whether they can be dropped there."""
-        return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
+        bl_idname = "MAQUETTE_FH_graph"
+        bl_label = "Maquette Graph"
+        bl_import_operator = "maquette.add"
+        bl_file_extensions = ".ron"
+
+        @classmethod
+        def poll_drop(cls, context: bpy.types.Context) -> bool:
+            """Whether they can be dropped there."""
+            return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
 class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
@@ -335,7 +338,7 @@ def _menu(self: Any, _context: bpy.types.Context) -> None:
 
 CLASSES = (
     MAQUETTE_OT_add,
-    MAQUETTE_FH_graph,
+    *([MAQUETTE_FH_graph] if hasattr(bpy.types, "FileHandler") else ()),
     MAQUETTE_OT_reload,
     MAQUETTE_OT_go_on,
     MAQUETTE_OT_cancel,

@@ -549,9 +549,9 @@ def test_10_fields_have_the_ranges_of_their_types_and_only_what_is_touched_is_wr
 def test_11_a_new_node_says_what_it_needs_and_why_it_was_refused(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
     text = path.read_text()
     name = tree.nodes.new("MaquetteNodeThreshold").name
-    tree.links.new(named(tree, "scan").outputs["color"], tree.nodes[name].inputs["image"])
-    until(lambda: "say select" in tree.nodes[name].maquette_problem)
     tree.nodes[name]["field select"] = 'Near(colour: "#ff0000")'
+    until(lambda: "link image" in tree.nodes[name].maquette_problem)
+    tree.links.new(named(tree, "scan").outputs["color"], tree.nodes[name].inputs["image"])
     until(lambda: "Near has no field `colour`" in tree.nodes[name].maquette_problem)
     assert path.read_text() == text
     # While it stands there, what somebody else does to the file is seen all the same.

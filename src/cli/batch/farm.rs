@@ -126,7 +126,7 @@ impl Batch {
         options.roots = options.roots.iter().map(|root| in_project(root).into()).collect();
         words.extend(options.words());
         words.extend(self.options.no_pins.then(|| "--no-pins".to_owned()));
-        words.extend(self.cache.words_for(|folder| in_project(folder)));
+        words.extend(self.cache.words_for(in_project));
         words.extend(self.provenance.words());
         words
     }
