@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 
-use super::PlyError;
+use super::error::PlyError;
 use super::header::{Element, Encoding, Header, Scalar};
 use super::table::Column;
 use crate::{At, excerpt, real};

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use maquette_value::Faces;
 
-use super::PlyError;
 use super::body::{Body, Rows};
+use super::error::PlyError;
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::table::{Column, Table};
 use crate::corners::FaceList;

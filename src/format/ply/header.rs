@@ -1,6 +1,6 @@
 //! The header of a PLY file.
 
-use super::PlyError;
+use super::error::PlyError;
 use crate::{excerpt, parse, words};
 
 /// The usual name for the texture coordinates of a face's corners.

@@ -5,9 +5,10 @@ use maquette_value::RangeImage;
 use nalgebra::Point3;
 
 use super::body::Body;
-use super::header::{self, Element, Header};
+use super::error::PlyError;
+use super::header::{self, Element, Header, Property};
+use super::skip;
 use super::table::Table;
-use super::{PlyError, Property, skip};
 use crate::left_out;
 use crate::range_file::{Axes, RangeFile, Rows};
 

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use maquette_value::{Attribute, Mesh, Rgb};
 use nalgebra::Point3;
 
-use super::PlyError;
 use super::body::{Body, Rows};
+use super::error::PlyError;
 use super::faces::FaceTable;
 use super::header::{Element, Header, Kind, Property, Scalar};
 use crate::colors::{self, ColorRange};
