@@ -8,7 +8,6 @@ use header::{Element, Property};
 use maquette_value::{Faces, Mesh, Points};
 use table::Table;
 
-use super::At;
 use super::colors::ColorRange;
 use super::finite::Finite;
 
@@ -159,6 +158,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::At;
     use crate::hostile;
 
     const GRIDS: [&[u8]; 4] = [
