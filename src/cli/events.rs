@@ -17,6 +17,7 @@
 //! A reader must skip events and fields that it does not know.
 
 use std::collections::HashMap;
+use std::ops::Deref;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -172,5 +173,44 @@ impl Observer for Events {
             self.listener
                 .tell("finished", json!({ "node": node, "state": state, "seconds": seconds }));
         }
+    }
+}
+
+/// Two observers of one evaluation.
+pub(crate) struct Both<A, B>(pub(crate) A, pub(crate) B);
+
+impl<A, B> Observer for Both<A, B>
+where
+    A: Deref<Target: Observer> + Sync,
+    B: Deref<Target: Observer> + Sync,
+{
+    fn planned(&self, count: usize) {
+        self.0.planned(count);
+        self.1.planned(count);
+    }
+
+    fn unchanged(&self, count: usize) {
+        self.0.unchanged(count);
+        self.1.unchanged(count);
+    }
+
+    fn started(&self, node: &str) {
+        self.0.started(node);
+        self.1.started(node);
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        self.0.progress(node, share);
+        self.1.progress(node, share);
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        self.0.does_not_stop(node, kind, pack);
+        self.1.does_not_stop(node, kind, pack);
+    }
+
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        self.0.finished(node, state, seconds);
+        self.1.finished(node, state, seconds);
     }
 }

@@ -11,10 +11,10 @@ use maquette_golden::sweep::Task;
 use maquette_graph::stamp::FINE_GRAIN;
 use maquette_node::CancelToken;
 
-use super::log::Both;
 use super::record::Record;
 use super::run::{Batch, Due, Standing};
 use super::time_limit::TimeLimit;
+use crate::events::Both;
 
 /// A task that came to its end.
 pub(crate) struct Ended {

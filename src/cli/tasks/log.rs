@@ -76,44 +76,6 @@ impl Observer for Log {
     }
 }
 
-/// Tells two observers.
-pub(super) struct Both<'a>(
-    pub(super) &'a (dyn Observer + Sync),
-    pub(super) &'a (dyn Observer + Sync),
-);
-
-impl Observer for Both<'_> {
-    fn planned(&self, count: usize) {
-        self.0.planned(count);
-        self.1.planned(count);
-    }
-
-    fn unchanged(&self, count: usize) {
-        self.0.unchanged(count);
-        self.1.unchanged(count);
-    }
-
-    fn started(&self, node: &str) {
-        self.0.started(node);
-        self.1.started(node);
-    }
-
-    fn progress(&self, node: &str, share: f64) {
-        self.0.progress(node, share);
-        self.1.progress(node, share);
-    }
-
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        self.0.does_not_stop(node, kind, pack);
-        self.1.does_not_stop(node, kind, pack);
-    }
-
-    fn finished(&self, node: &str, state: NodeState, seconds: f64) {
-        self.0.finished(node, state, seconds);
-        self.1.finished(node, state, seconds);
-    }
-}
-
 impl Batch<'_> {
     /// Begins the log of a task that was handed over; of others there is none.
     pub(super) fn begin_log(&self, task: &Task) -> Option<Log> {

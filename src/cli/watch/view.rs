@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::block::Block;
 use super::worker::{Observe, Report, Seen};
-use crate::events::{Ending, Events, Listener, does_not_stop};
+use crate::events::{Both, Ending, Events, Listener, does_not_stop};
 use crate::run::counts;
 use crate::terminal::{Input, Screen};
 use crate::{counted, eprint, print, print_as_it_is, report, shows_color};
@@ -211,36 +211,6 @@ struct Stubborn;
 impl Observer for Stubborn {
     fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
         eprint(&format!("{}\n", does_not_stop(node, kind, pack)));
-    }
-}
-
-/// Two that follow one evaluation.
-struct Both(Box<dyn Observer>, Box<dyn Observer>);
-
-impl Observer for Both {
-    fn planned(&self, count: usize) {
-        self.0.planned(count);
-        self.1.planned(count);
-    }
-
-    fn started(&self, node: &str) {
-        self.0.started(node);
-        self.1.started(node);
-    }
-
-    fn progress(&self, node: &str, share: f64) {
-        self.0.progress(node, share);
-        self.1.progress(node, share);
-    }
-
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        self.0.does_not_stop(node, kind, pack);
-        self.1.does_not_stop(node, kind, pack);
-    }
-
-    fn finished(&self, node: &str, state: State, seconds: f64) {
-        self.0.finished(node, state, seconds);
-        self.1.finished(node, state, seconds);
     }
 }
 
