@@ -124,8 +124,10 @@ def test_asyncio_stops_a_run(graph: maquette.Graph) -> None:
         with pytest.raises(asyncio.TimeoutError):
             await asyncio.wait_for(awaited(), AFTER)
         # A plain run on a thread of asyncio is stopped by the graph.
-        thread = asyncio.get_running_loop().run_in_executor(None, lambda: graph.run(levels=LONG))
-        await asyncio.sleep(AFTER)
+        begun = threading.Event()
+        thread = asyncio.get_running_loop().run_in_executor(None, lambda: graph.run(levels=LONG, progress=lambda _: begun.set()))
+        while not begun.is_set():
+            await asyncio.sleep(AFTER)
         graph.cancel()
         with pytest.raises(maquette.Cancelled):
             await thread
