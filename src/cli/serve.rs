@@ -33,6 +33,7 @@ use super::{Exit, put_problems, stdout_is_closed};
 
 mod columns;
 mod layout;
+mod materials;
 mod request;
 mod runner;
 

@@ -40,4 +40,17 @@ impl Kind {
         let is_it = |kind: &Self| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP");
         starts.next().map(|&(_, kind)| kind).filter(is_it)
     }
+
+    /// How names of such files end, after the dot.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Jpeg => "jpg",
+            Self::Tiff => "tif",
+            Self::WebP => "webp",
+            Self::Bmp => "bmp",
+            Self::Exr => "exr",
+            Self::Hdr => "hdr",
+        }
+    }
 }

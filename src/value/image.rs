@@ -96,6 +96,21 @@ impl Image {
         self.pixels[row * self.width + column]
     }
 
+    /// The picture with its red, green and blue light multiplied.
+    #[must_use]
+    pub fn times(&self, factor: [f64; 3]) -> Self {
+        if factor == [1.0; 3] {
+            return self.clone();
+        }
+        let table = factor.map(|factor| {
+            let times = |level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor);
+            Vec::from_iter((0..=255).map(times))
+        });
+        let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
+        let pixels = Vec::from_iter(self.pixels().iter().map(color));
+        Self { pixels: pixels.into(), ..self.clone() }
+    }
+
     /// The color at the texture coordinate `uv`, blended from the four nearest texels in sRGB; outside, the border's color.
     /// (0, 0) is the lower left corner of the lower left texel, so the center of the texel at column c and row r
     /// of a W x H picture is at ((c + 0.5) / W, 1 - (r + 0.5) / H), and there the color is exactly the texel's.

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::{Column, DecodeError, Decoder, Encoder, Image, Rgb, Value, srgb_from_linear};
 
 /// How faces look: the metallic-roughness model of the Khronos Group, "glTF 2.0 Specification" (2021), sections 3.9 and 5.19, with
@@ -35,7 +37,8 @@ pub struct Material {
 }
 
 /// What opacity means.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Transparency {
     /// Nothing.
     Opaque,
@@ -86,7 +89,8 @@ pub struct Map {
 }
 
 /// How a picture goes on beyond its border.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Wrap {
     /// From the start.
     #[default]
@@ -267,7 +271,9 @@ impl Material {
 }
 
 impl MapKind {
-    fn name(&self) -> &str {
+    /// Its name: `base color`, `emissive`, `metallic`, `normal`, `occlusion`, `roughness`, or what MTL calls it.
+    #[must_use]
+    pub fn name(&self) -> &str {
         match self {
             Self::BaseColor => "base color",
             Self::Emissive => "emissive",
@@ -279,7 +285,9 @@ impl MapKind {
         }
     }
 
-    fn of(name: String) -> Self {
+    /// The kind of this name.
+    #[must_use]
+    pub fn of(name: String) -> Self {
         use MapKind::*;
         let known = [BaseColor, Emissive, Metallic, Normal, Occlusion, Roughness];
         known.into_iter().find(|kind| kind.name() == name).unwrap_or(Other(name))

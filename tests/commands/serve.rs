@@ -10,6 +10,7 @@ use serde_json::{Value as Json, json};
 
 use crate::project::Project;
 
+mod materials;
 mod missing;
 mod outline;
 

@@ -22,6 +22,9 @@ PLACES = "vertex position"
 MATERIAL = "maquette_material"
 TEXTURE = "maquette_texture"
 
+# The node of a material that shows its color.
+SHOWN = "Texture"
+
 # Columns that are the mesh itself.
 OWN = {
     ("vertex", "position"),
@@ -184,7 +187,7 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
             if attribute:
                 returned.write(attribute, its.kind, it.numbers)
     material = next((it for it in columns.told["columns"] if (it["on"], it["name"]) == ("face", "material")), None)
-    count = columns.told.get("material_count", 0)
+    count = len(columns.told.get("materials", ()))
     if material and count:
         used.add(("face", "material"))
         files["face material_index"] = material["file"]
@@ -301,14 +304,14 @@ def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) ->
         known = mesh[MATERIAL] = material(mesh.name)
     if not was:
         mesh.materials.append(known)
-    shown = known.node_tree.nodes.get("Texture")
+    shown = known.node_tree.nodes.get(SHOWN)
     if not shown or shown.image == shows:
         return
     if shown.image and any(it != mesh and known in it.materials[:] for it in bpy.data.meshes):
         # Copies of the mesh go on to show what they show.
         slots = [slot for slot, it in enumerate(mesh.materials) if it == known]
         known = mesh[MATERIAL] = known.copy()
-        shown = known.node_tree.nodes["Texture"]
+        shown = known.node_tree.nodes[SHOWN]
         for slot in slots:
             mesh.materials[slot] = known
     old, shown.image = shown.image, shows
@@ -336,7 +339,7 @@ def material(name: str) -> bpy.types.Material:
     shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = 0.8
     shown = nodes.new("ShaderNodeTexImage")
-    shown.name = "Texture"
+    shown.name = SHOWN
     shown.location = (shader.location.x - 320, shader.location.y)
     links.new(shown.outputs["Color"], shader.inputs["Base Color"])
     return made

@@ -8,7 +8,7 @@ from typing import Any, Iterator
 
 import bpy
 
-from . import apply, evaluated, looks, material_bytes
+from . import apply, evaluated, looks, pictures
 from .records import GROUP, KINDS, MAX_VERTICES, NUMBERS, Record, Source, levels, number
 
 ON = {"POINT": "vertex", "CORNER": "corner", "FACE": "face"}
@@ -80,15 +80,15 @@ def fields(place: Any, start: str, kind: str, given: bpy.types.Object, folder: p
     if part.normals is not None:
         add("normal", "corner", "direction", 3, "f32", part.normals)
     _add_edges(part, source, add, first)
-    messages = [looks.message(it, source.lost) for it in part.materials]
+    found: dict[str, Any] = {"columns": columns, "facts": {}}
     if any(part.materials):
+        files = pictures.Files(folder, start)
         source.materials = [it.name for it in part.materials if it]
-        content = material_bytes.encode(messages)
-        add("materials", "whole", "exact", len(content), "u8", np.frombuffer(content, "u1"))
-    if any(part.materials) and len(messages) > 1:
+        found["materials"] = [looks.message(it, part.uv, files, source.lost) for it in part.materials]
+    if any(part.materials) and len(part.materials) > 1:
         _, numbers = part.attributes.get(("FACE", "material_index"), ("INT", np.zeros((len(part.sides), 1), "i4")))
-        add("material", "face", "exact", 1, "u32", numbers.clip(0, len(messages) - 1))
-    return {"columns": columns, "facts": {}}, source
+        add("material", "face", "exact", 1, "u32", numbers.clip(0, len(part.materials) - 1))
+    return found, source
 
 
 def _add_edges(part: Part, source: Source, add: Any, first: int) -> None:

@@ -437,51 +437,7 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     told = answer["values"].get(owner.maquette.output)
     if not told:
         return
-    given = [name for source in it.sources.values() for name in source.materials]
-    if "columns" in told and owner.data and owner.data.get(SHOWN) != told["hash"] and looks.may_have(told, given):
-        _ask_materials(owner, it, told, "facts")
-    else:
-        _show(owner, it, told)
-
-
-def _ask_materials(owner: bpy.types.Object, it: State, told: dict[str, Any], form: str, fact: str = "") -> None:
-    """Asks for the materials of a value before it is shown: in short first, and if they are new, for all of them."""
-    uid, output = key(owner), owner.maquette.output
-
-    def done(answer: Answer) -> None:
-        it.run = None
-        owner, folder = found(uid), engine.client().folder
-        more = answer["values"].get(output) if answer.ok and not answer.get("cancelled") and not answer.get("replaced") else None
-        if owner is None or folder is None or states.get(uid) is not it or not more or owner.maquette.output != output:
-            it.answered = None
-            return
-        if form == "facts":
-            fact = more["facts"].get("materials", "")
-            if fact and fact != owner.data.get(looks.FACT):
-                _ask_materials(owner, it, told, "parts", fact)
-                return
-            known = {"materials": None, "material_count": owner.data.get(looks.COUNT, 0)} if fact else {}
-        else:
-            try:
-                materials = looks.of_parts(more, folder)
-            except (OSError, ValueError) as error:
-                it.message = f"the materials cannot be read: {error}"
-                return
-            known = {"materials": materials, "material_count": len(materials), "materials_fact": wanted_fact}
-        _show(owner, it, {**told, **known})
-
-    wanted_fact = fact
-    it.run = engine.client().ask(
-        "run",
-        done,
-        None,
-        graph=graph_path(owner),
-        roots=engine.roots(),
-        set=_settings(owner, it),
-        inputs=it.inputs,
-        want=[{"value": output, "as": form}],
-        slot=f"{uid} materials",
-    )
+    _show(owner, it, told)
 
 
 def _show(owner: bpy.types.Object, it: State, told: dict[str, Any]) -> None:

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 import pathlib
-from typing import Any, Iterable
+from typing import Any
 
 import bpy
 
-from . import apply, material_bytes
+from . import apply, pictures
 
 # The materials that a mesh was given, by the numbers of their slots.
 MATERIALS = "maquette_materials"
 
 # What a material was made of.
 MESSAGE = "maquette_message"
-
-# What the engine says of all materials of the value, and how many they are.
-FACT = "maquette_materials_fact"
-COUNT = "maquette_materials_count"
 
 
 def _shader(material: bpy.types.Material) -> Any:
@@ -29,8 +25,8 @@ def _shader(material: bpy.types.Material) -> Any:
     return next((it for it in nodes if it.type == "BSDF_PRINCIPLED"), None)
 
 
-def message(material: bpy.types.Material | None, lost: list[str]) -> dict[str, Any]:
-    """What a graph is told of a material."""
+def message(material: bpy.types.Material | None, uv: str, files: pictures.Files, lost: list[str]) -> dict[str, Any]:
+    """What a graph is told of a material; `uv` is the UV map that the engine knows as `uv`. What is not told is added to `lost`."""
     if material is None:
         return {}
     shader = _shader(material)
@@ -39,12 +35,19 @@ def message(material: bpy.types.Material | None, lost: list[str]) -> dict[str, A
         color = list(material.diffuse_color)
         found |= {"metallic": _part(material.metallic), "roughness": _part(material.roughness)}
     else:
+        maps, others = pictures.maps(shader, uv, files)
+        lost += [f"what is linked to {name} of the material {material.name}" for name in others]
         color = [*shader.inputs["Base Color"].default_value[:3], shader.inputs["Alpha"].default_value]
+        if "base color" in maps:
+            color[:3] = [1.0] * 3
         strength = shader.inputs["Emission Strength"].default_value
-        found |= {name: _part(shader.inputs[name.capitalize()].default_value) for name in ("metallic", "roughness")}
-        found["emissive"] = [_part(strength * it) for it in shader.inputs["Emission Color"].default_value[:3]]
-        if shader.inputs["Base Color"].links:
-            lost.append(f"the picture of material {material.name}")
+        emissive = [1.0] * 3 if "emissive" in maps else shader.inputs["Emission Color"].default_value[:3]
+        # What is linked takes the place of the number.
+        numbers = {name: 1.0 if name in maps else shader.inputs[name.capitalize()].default_value for name in ("metallic", "roughness")}
+        found |= {name: _part(number) for name, number in numbers.items()}
+        found |= {"maps": maps, "emissive": [_part(strength * it) for it in emissive]}
+        if shader.inputs["Alpha"].links and "Alpha" not in others:
+            color[3], found["transparency"] = 1.0, "blend"
     found["base_color"] = [_part(it) for it in color]
     if found["base_color"][3] < 1:
         found["transparency"] = "blend"
@@ -55,22 +58,9 @@ def _part(number: float) -> float:
     return min(max(float(number), 0.0), 1.0)
 
 
-def may_have(told: dict[str, Any], given: Iterable[str]) -> bool:
-    """Whether a value may have more than one picture."""
-    return any((it["on"], it["name"]) == ("face", "material") for it in told["columns"]) or bool(list(given))
-
-
-def of_parts(told: dict[str, Any], folder: pathlib.Path) -> list[dict[str, Any]]:
-    """The materials of a value that was given as `parts`."""
-    column = next((it for it in told.get("columns", ()) if (it["on"], it["name"]) == ("whole", "materials")), None)
-    return material_bytes.decode((folder / column["file"]).read_bytes()) if column else []
-
-
 def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given: list[str]) -> None:
-    """Gives a mesh its materials; None are those that it has. `given` are the names of those of objects at inputs, which come back themselves."""
+    """Gives a mesh its materials. `given` are the names of those of objects at inputs, which come back themselves."""
     messages = told.get("materials", [])
-    if messages is None:
-        return
     apply.texture(mesh, {**told, "texture": None} if messages else told, folder)
     before = dict(mesh.get(MATERIALS) or {})
     ours: dict[str, Any] = {}
@@ -78,7 +68,7 @@ def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given
         was = before.get(str(slot))
         material = bpy.data.materials.get(its["name"]) if its["name"] in given else None
         if material is None and not _is_nothing(its):
-            material = _made(mesh, its, before)
+            material = _made(mesh, its, before, folder)
         if material:
             ours[str(slot)] = material
         if slot >= len(mesh.materials):
@@ -89,7 +79,6 @@ def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given
     for slot in reversed(range(len(messages), len(mesh.materials))):
         if mesh.materials[slot] and mesh.materials[slot] == before.get(str(slot)):
             mesh.materials.pop(index=slot)
-    mesh[FACT], mesh[COUNT] = told.get("materials_fact", ""), len(messages)
     if ours:
         mesh[MATERIALS] = ours
     elif before:
@@ -98,14 +87,13 @@ def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given
 
 def _is_nothing(its: dict[str, Any]) -> bool:
     """Whether nothing is known of a material: that of faces without one beside others."""
-    return not its["name"] and not its["picture"] and its["base_color"] == [1, 1, 1, 1]
+    return not its["name"] and not its.get("picture") and its["base_color"] == [1, 1, 1, 1]
 
 
-def _made(mesh: bpy.types.Mesh, its: dict[str, Any], before: dict[str, Any]) -> bpy.types.Material:
+def _made(mesh: bpy.types.Mesh, its: dict[str, Any], before: dict[str, Any], folder: pathlib.Path) -> bpy.types.Material:
     """A material that looks as a message says. What a user has made of a known one stays, but for what the message says now."""
     known = {json.loads(it[MESSAGE])["name"]: it for it in before.values() if it and it.get(MESSAGE)}
-    material, picture = known.get(its["name"]), its["picture"]
-    its = {**its, "picture": picture["file"] if picture else None}
+    material = known.get(its["name"])
     was = json.loads(material[MESSAGE]) if material else {}
     if was == its:
         return material
@@ -115,8 +103,9 @@ def _made(mesh: bpy.types.Mesh, its: dict[str, Any], before: dict[str, Any]) -> 
     if material is None:
         material = apply.material(its["name"] or mesh.name)
     _change(material, {name: value for name, value in its.items() if was.get(name) != value})
-    if was.get("picture", "") != its["picture"]:
-        _put_picture(material, picture)
+    shader = _shader(material)
+    if shader:
+        _put_pictures(material, shader, was, its, folder)
     material[MESSAGE] = json.dumps(its)
     return material
 
@@ -139,22 +128,22 @@ def _change(material: bpy.types.Material, its: dict[str, Any]) -> None:
         shader.inputs[name].default_value = value
 
 
-def _put_picture(material: bpy.types.Material, picture: dict[str, Any] | None) -> None:
-    """Shows a picture in place of the one that a material shows."""
-    import numpy as np
+def _put_pictures(material: bpy.types.Material, shader: Any, was: dict[str, Any], its: dict[str, Any], folder: pathlib.Path) -> None:
+    """Shows the pictures of a message that are others than before."""
 
-    texture = material.node_tree.nodes.get("Texture")
-    if texture is None:
-        return
-    if picture is None:
-        material.node_tree.nodes.remove(texture)
-        return
-    image = next((it for it in bpy.data.images if it.get("maquette_file") == picture["file"]), None)
-    if image is None:
-        width, height = picture["size"]
-        image = bpy.data.images.new(f"{material.name} texture", width, height)
-        rows = np.frombuffer(picture["pixels"], "u1").reshape(height, width, 3)[::-1] / np.float32(255)
-        image.pixels.foreach_set(np.dstack([rows, np.ones((height, width), "f4")]).astype("f4").ravel())
-        image.pack()
-        image["maquette_file"] = picture["file"]
-    texture.image = image
+    def all_of(message: dict[str, Any]) -> dict[str, Any]:
+        maps = dict(message.get("maps", {}))
+        base = maps.pop("base color", {})
+        if base and message["transparency"] != "opaque":
+            maps["opacity"] = base
+        if message.get("picture"):
+            # What is seen: the map times the color.
+            maps["base color"] = {**base, **message["picture"]}
+        return maps
+
+    old, new = all_of(was), all_of(its)
+    for kind in pictures.SOCKETS:
+        if kind in new and old.get(kind) == new[kind] or kind not in new and kind not in old and was:
+            continue
+        image = apply.image(f"{material.name} {kind}", new[kind], folder) if kind in new else None
+        pictures.show(material, shader, apply.SHOWN if kind == "base color" else kind, kind, image, new.get(kind, {}))

@@ -269,3 +269,76 @@ def test_faces_of_a_file_with_several_materials_show_their_own(empty: Any, tmp_p
     (tmp_path / "two.mtl").unlink()
     (tmp_path / "two.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
     until(lambda: len(owner.data.polygons) == 1 and settled(owner) and not len(owner.data.materials))
+
+
+def painted(name: str, color: tuple[float, ...], is_data: bool = False) -> bpy.types.Image:
+    """A small picture of one color, in no file."""
+    image = bpy.data.images.new(name, 4, 2, is_data=is_data)
+    image.pixels.foreach_set(np.tile(np.array(color, "f4"), 8))
+    return image
+
+
+def wooden(folder: pathlib.Path) -> bpy.types.Material:
+    """A material with a picture at each input that can have one: painted, in a file, and packed."""
+    material = module("apply").material("wood")
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
+    packed = painted("packed", (0.5, 0.25, 0.75, 1), is_data=True)
+    packed.pack()
+    bumps = painted("bumps", (0.5, 0.5, 1, 1), is_data=True)
+    bumps.filepath_raw, bumps.file_format = str(folder / "bumps.png"), "PNG"
+    bumps.save()
+    shown = nodes["Texture"]
+    shown.image, shown.extension = painted("bark", (0.2, 0.4, 0.6, 0.5)), "MIRROR"
+    links.new(shown.outputs["Alpha"], shader.inputs["Alpha"])
+    split, rough = nodes.new("ShaderNodeSeparateColor"), nodes.new("ShaderNodeTexImage")
+    rough.image = packed
+    links.new(rough.outputs["Color"], split.inputs["Color"])
+    links.new(split.outputs["Green"], shader.inputs["Roughness"])
+    links.new(split.outputs["Blue"], shader.inputs["Metallic"])
+    turned, bump, place = nodes.new("ShaderNodeNormalMap"), nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeUVMap")
+    turned.inputs["Strength"].default_value, bump.image, place.uv_map = 0.5, bpy.data.images.load(str(folder / "bumps.png")), "Second"
+    for start, end in ((place.outputs["UV"], bump.inputs["Vector"]), (bump.outputs["Color"], turned.inputs["Color"])):
+        links.new(start, end)
+    links.new(turned.outputs["Normal"], shader.inputs["Normal"])
+    noise = nodes.new("ShaderNodeTexNoise")
+    links.new(noise.outputs["Color"], shader.inputs["Emission Color"])
+    return material
+
+
+def test_pictures_of_materials_go_through_a_graph(empty: Any, tmp_path: pathlib.Path) -> None:
+    source, dice = shape(), np.random.default_rng(11)
+    for name in ("First", "Second"):
+        fill(source.data.attributes.new(name, "FLOAT2", "CORNER"), dice)
+    source.data.uv_layers["First"].active_render = True
+    source.data.materials.append(wooden(tmp_path))
+    owner = given(tmp_path, source)
+    it = module("live").state(owner)
+    assert it.message == "it: source is given without what is linked to Emission Color of the material wood"
+    assert list(owner.data.materials) == [bpy.data.materials["wood"]]
+    # As a value that comes from elsewhere, it has a material of its own.
+    it.sources["it"].materials.clear()
+    owner.data[module("live").SHOWN] = ""
+    bpy.ops.maquette.reload()
+    until(lambda: owner.data.materials[0].name != "wood" and settled(owner))
+    (made,) = owner.data.materials
+    nodes = made.node_tree.nodes
+    shader = next(its for its in nodes if its.type == "BSDF_PRINCIPLED")
+
+    def middle(name: str) -> list[float]:
+        image = nodes[name].image
+        return [round(its, 2) for its in image.pixels[4:7]]
+
+    assert middle("Texture") == [0.2, 0.4, 0.6] and nodes["Texture"].extension == "MIRROR"
+    assert [round(its, 1) for its in middle("roughness")] == [0.5, 0.3, 0.7] and nodes["roughness"].image == nodes["metallic"].image
+    assert shader.inputs["Roughness"].links[0].from_socket.name == "Green" and shader.inputs["Metallic"].links[0].from_socket.name == "Blue"
+    assert shader.inputs["Normal"].links[0].from_node.inputs["Strength"].default_value == 0.5
+    assert middle("normal") == [0.5, 0.5, 1] and nodes["normal uv"].uv_map == "Second"
+    opacity = shader.inputs["Alpha"].links[0]
+    assert opacity.from_socket.name == "Alpha" and round(opacity.from_node.image.pixels[3], 2) == 0.5
+    assert nodes["normal"].image.colorspace_settings.name == "Non-Color" and not shader.inputs["Emission Color"].links
+    # What a picture shows now is seen.
+    bpy.data.images["bark"].pixels.foreach_set(np.tile(np.array((1, 0, 0, 1), "f4"), 8))
+    source.data.update_tag()
+    bpy.context.view_layer.update()
+    until(lambda: settled(owner) and middle("Texture") == [1, 0, 0])

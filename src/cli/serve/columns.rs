@@ -9,11 +9,12 @@ use maquette_graph::catalog::Catalog;
 use maquette_render::{Look, picture};
 use maquette_value::plain;
 use maquette_value::{
-    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On,
-    Part, Parts, Points, RangeImage, Value, ValueType,
+    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Material, Meaning,
+    Mesh, On, Part, Parts, Points, RangeImage, Value, ValueType,
 };
 use serde_json::{Map, Value as Json, json};
 
+use super::materials::{MaterialMessage, with_materials};
 use super::request::{Form, Input, Numbers};
 
 /// The files that a host may read: each is named by what is in it, so that the same numbers keep their file.
@@ -22,8 +23,8 @@ pub(super) struct Columns {
     held: BTreeSet<String>,
     /// What the last answers of each slot named; the slot that was answered last is the last.
     last: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
-    /// The columns of the edges of some faces, by the files of these.
-    edges: VecDeque<(String, [Json; 2])>,
+    /// Descriptions of files that take long to make, by what they were made of: edges of faces, and pictures.
+    made: VecDeque<(String, Vec<Json>)>,
     /// What the answer that is being made names.
     named: BTreeSet<String>,
 }
@@ -34,13 +35,13 @@ const ANSWERS: usize = 2;
 /// So many slots do: those that were answered last.
 const SLOTS: usize = 256;
 
-/// The edges of so many lists of faces are remembered.
-const FACES: usize = 8;
+/// So many descriptions are remembered.
+const MADE: usize = 64;
 
 impl Columns {
     pub(super) fn new(shelf: Shelf) -> Self {
-        let (held, last, edges, named) = Default::default();
-        Self { shelf, held, last, edges, named }
+        let (held, last, made, named) = Default::default();
+        Self { shelf, held, last, made, named }
     }
 
     /// Where the files are.
@@ -95,8 +96,8 @@ impl Columns {
             self.held.remove(&name);
         }
         let held = &self.held;
-        let is_held = |column: &Json| column["file"].as_str().is_some_and(|it| held.contains(it));
-        self.edges.retain(|(_, columns)| columns.iter().all(is_held));
+        let is_held = |file: &Json| file["file"].as_str().is_some_and(|it| held.contains(it));
+        self.made.retain(|(_, files)| files.iter().all(is_held));
     }
 
     /// Puts bytes into a file, if it is not there; gives its name.
@@ -140,10 +141,31 @@ impl Columns {
 
     fn picture(&mut self, image: Image, catalog: &Catalog) -> Result<Json, String> {
         let size = [image.width(), image.height()];
-        let files = catalog.write(&AnyValue::new(image), "picture.png");
-        let files = files.map_err(|error| error.to_string())?;
+        let image = AnyValue::new(image);
+        let of = format!("picture {}", image.hash());
+        if let Some(known) = self.known(&of) {
+            return Ok(known[0].clone());
+        }
+        let files = catalog.write(&image, "picture.png").map_err(|error| error.to_string())?;
         let file = files.first().ok_or("the picture gives no file")?;
-        Ok(json!({ "file": self.keep(&file.bytes, "png")?, "size": size }))
+        let told = json!({ "file": self.keep(&file.bytes, "png")?, "size": size });
+        self.remember(of, vec![told.clone()]);
+        Ok(told)
+    }
+
+    /// The descriptions of the files that were made of something, which the answer names from then on.
+    fn known(&mut self, of: &str) -> Option<Vec<Json>> {
+        let (_, files) = self.made.iter().find(|(known, _)| known == of)?;
+        let names = files.iter().filter_map(|file| file["file"].as_str());
+        self.named.extend(names.map(str::to_owned));
+        Some(files.clone())
+    }
+
+    fn remember(&mut self, of: String, files: Vec<Json>) {
+        self.made.push_back((of, files));
+        if self.made.len() > MADE {
+            self.made.pop_front();
+        }
     }
 
     /// A value as vertices, edges and faces.
@@ -226,35 +248,45 @@ impl Columns {
         if let Some(texture) = mesh.texture() {
             told["texture"] = self.picture(texture.clone(), catalog)?;
         }
+        let materials = mesh.materials();
+        if materials.len() > 1 || !materials.iter().all(Material::is_plain) {
+            let materials = materials.iter().map(|material| self.material(material, catalog));
+            told["materials"] = materials.collect::<Result<Vec<Json>, String>>()?.into();
+        }
         Ok(())
     }
 
+    fn material(&mut self, material: &Material, catalog: &Catalog) -> Result<Json, String> {
+        let message = MaterialMessage::of(material, |bytes, ending| self.keep(bytes, ending))?;
+        let mut told = json!(message);
+        if let Some(picture) = material.shown() {
+            told["picture"] = self.picture(picture.clone(), catalog)?;
+        }
+        Ok(told)
+    }
+
     /// The ends of all edges, and the edge at which each corner's side begins.
-    fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<[Json; 2], String> {
-        if let Some((_, columns)) = self.edges.iter().find(|(known, _)| *known == faces) {
-            let names = columns.iter().filter_map(|column| column["file"].as_str());
-            self.named.extend(names.map(str::to_owned));
-            return Ok(columns.clone());
+    fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<Vec<Json>, String> {
+        if let Some(known) = self.known(&faces) {
+            return Ok(known);
         }
         let edges = mesh.edges();
         let mut parts = Parts::default();
         parts.push("edges", On::Edge, Meaning::Index, 2, edges.vertices.into_flattened());
         parts.push("edge of a corner", On::Corner, Meaning::Index, 1, edges.of_corner);
         let [ends, of_corner] = &parts.columns[..] else { return Err("no edges".into()) };
-        let columns = [self.column(ends, true)?, self.column(of_corner, true)?];
-        self.edges.push_back((faces, columns.clone()));
-        if self.edges.len() > FACES {
-            self.edges.pop_front();
-        }
+        let columns = vec![self.column(ends, true)?, self.column(of_corner, true)?];
+        self.remember(faces, columns.clone());
         Ok(columns)
     }
 
     /// The value that files make.
     pub(super) fn read(&self, input: &Input, kind: &ValueType) -> Result<AnyValue, String> {
-        let contents = input.columns.iter().map(|column| {
-            let path = self.shelf.place(&column.file)?;
-            plain::read_own(&path).map_err(|error| format!("{}: {error}", column.file))
-        });
+        let read = |file: &str| {
+            let path = self.shelf.place(file)?;
+            plain::read_own(&path).map_err(|error| format!("{file}: {error}"))
+        };
+        let contents = input.columns.iter().map(|column| read(&column.file));
         let contents = contents.collect::<Result<Vec<_>, String>>()?;
         let mut parts = Parts { row: input.row, ..Parts::default() };
         for (column, bytes) in input.columns.iter().zip(&contents) {
@@ -271,7 +303,13 @@ impl Columns {
         for (name, fact) in &input.facts {
             parts.fact(name.clone(), self::fact(name, fact)?);
         }
-        kind.from_parts(&parts).map_err(|error| error.to_string())
+        let value = kind.from_parts(&parts).map_err(|error| error.to_string())?;
+        if input.materials.is_empty() {
+            return Ok(value);
+        }
+        let mesh = value.get::<Mesh>();
+        let mesh = mesh.ok_or_else(|| format!("a {} has no materials", kind.name))?;
+        Ok(AnyValue::new(with_materials(mesh, &input.materials, read)?))
     }
 }
 

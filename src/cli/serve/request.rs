@@ -9,6 +9,7 @@ use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::layout::Layout;
+use super::materials::MaterialMessage;
 
 /// One line of a host: what it wants, and the number or text by which the answer is known.
 pub(super) struct Line {
@@ -165,6 +166,9 @@ pub(super) struct Input {
     pub(super) columns: Vec<InputColumn>,
     /// Elements in a row, where they are pixels or control points.
     pub(super) row: Option<usize>,
+    /// The materials of a mesh.
+    #[serde(default)]
+    pub(super) materials: Vec<MaterialMessage>,
 }
 
 #[derive(Deserialize)]

@@ -2,10 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use maquette_value::{
-    Column, Image, Map, MapKind, Material, Rgb, Transparency, UvTransform, Wrap, linear_from_srgb,
-    srgb_from_linear,
-};
+use maquette_value::{Column, Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
 use percent_encoding::percent_decode_str;
 use serde::Deserialize;
 use serde_json::Value as Json;
@@ -363,10 +360,7 @@ impl<'a> Materials<'a> {
                 }
             },
         };
-        let image = plain.map(|image| match factor {
-            [1.0, 1.0, 1.0] => image,
-            factor => multiplied(&image, factor),
-        });
+        let image = plain.map(|image| image.times(factor));
         let image = image.filter(|image| match self.pixels.checked_sub(image.pixels().len()) {
             Some(left) => {
                 self.pixels = left;
@@ -395,16 +389,4 @@ pub(super) fn useful(materials: Vec<Material>) -> Vec<Material> {
         [only] if *only == Material::default() || *only == standard() => Vec::new(),
         _ => materials,
     }
-}
-
-/// A picture whose colors are multiplied with a linear one.
-fn multiplied(image: &Image, factor: [f64; 3]) -> Image {
-    let table = factor.map(|factor| {
-        Vec::from_iter(
-            (0..=255).map(|level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor)),
-        )
-    });
-    let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
-    let pixels = Vec::from_iter(image.pixels().iter().map(color));
-    Image::new(image.width(), image.height(), pixels).expect("a picture of the same size")
 }

@@ -8,6 +8,7 @@ use maquette_syntax::error::Error;
 use maquette_value::{Column, Map, MapKind, Material, Mesh, Transparency, Wrap};
 
 use crate::glb::{has_own_color, is_extension};
+use crate::picture_kind::Kind;
 use crate::png;
 
 /// A file of materials, and the pictures beside it.
@@ -121,21 +122,18 @@ impl Files<'_> {
         }
         let names = Vec::from_iter(self.written.iter().map(|(_, name)| name.clone()));
         if self.has_one && pictures.is_empty() {
-            let name = format!("{}{}", self.stem, ending(&map.bytes));
+            let name = format!("{}.{}", self.stem, ending(map));
             return self.write(name, map, pictures);
         }
         // Beside the file may be the one that was read.
         let own = unique(&map.file, "picture", &[]);
         let own = own.strip_prefix(self.stem).map_or(&*own, |own| own.trim_start_matches('_'));
-        let (start, ending) = match own.rsplit_once('.') {
-            Some((start, ending)) => (start, format!(".{ending}")),
-            None => (own, ending(&map.bytes).to_owned()),
-        };
-        let mut name = format!("{}_{start}{ending}", self.stem);
+        let (start, ending) = own.rsplit_once('.').unwrap_or((own, ending(map)));
+        let mut name = format!("{}_{start}.{ending}", self.stem);
         let mut count = 1;
         while names.contains(&name) {
             count += 1;
-            name = format!("{}_{start}_{count}{ending}", self.stem);
+            name = format!("{}_{start}_{count}.{ending}", self.stem);
         }
         self.write(name, map, pictures)
     }
@@ -147,18 +145,9 @@ impl Files<'_> {
     }
 }
 
-/// The ending of a picture's file.
-fn ending(bytes: &[u8]) -> &'static str {
-    use crate::picture_kind::Kind;
-    match Kind::of(bytes) {
-        Some(Kind::Png) | None => ".png",
-        Some(Kind::Jpeg) => ".jpg",
-        Some(Kind::Tiff) => ".tif",
-        Some(Kind::WebP) => ".webp",
-        Some(Kind::Bmp) => ".bmp",
-        Some(Kind::Exr) => ".exr",
-        Some(Kind::Hdr) => ".hdr",
-    }
+/// How the name of a map's file ends.
+fn ending(map: &Map) -> &'static str {
+    Kind::of(&map.bytes).unwrap_or(Kind::Png).ending()
 }
 
 /// A name of one word that no other one is.
