@@ -79,6 +79,7 @@ impl<'t> Brackets<'t> {
                 LParen | LBracket | LBrace => {
                     it.begin(at.start);
                     let is_call = index > 0 && it.tokens[index - 1].0 == SyntaxKind::Ident;
+                    let kind = if is_call { it.begin_call(kind, index) } else { kind };
                     let first = it.tokens.get(index + 1).map(|(kind, _)| *kind);
                     let is_of_text = (is_call || is_sweep) && first == Some(SyntaxKind::String);
                     let (part, has_names, items) = (None, false, 0);
@@ -106,6 +107,19 @@ impl<'t> Brackets<'t> {
         if let Some(open) = self.open.last_mut() {
             open.part.get_or_insert(at);
         }
+    }
+
+    /// Reads a bracket behind a name, which begins a call. Returns the kind that it must have.
+    fn begin_call(&mut self, kind: SyntaxKind, index: usize) -> SyntaxKind {
+        let at = self.tokens[index].1;
+        if kind != SyntaxKind::LParen {
+            self.edits.push((at, "(".into()));
+            let (name, _) = self.shown(self.tokens[index - 1].1);
+            let (found, span) = self.shown(at);
+            let message = format!("expected `(` behind `{name}`, found `{found}`");
+            self.wrong.push(Mistake { span, message, help: Help::edit("write `(`", span, "(") });
+        }
+        SyntaxKind::LParen
     }
 
     /// Reads the colon at `index`: what cannot have the name before it ends before that name.
@@ -144,7 +158,7 @@ impl<'t> Brackets<'t> {
         let next = self.tokens.get(index + 1);
         let is_before_another = next.is_some_and(|(kind, _)| opener_of(*kind).is_some());
         let closes = outer.is_some_and(|outer| self.agrees(outer, index + 1));
-        if !closes && self.agrees(last, index + 1) {
+        if !closes && (self.agrees(last, index + 1) || self.is_swapped(index, opener)) {
             self.replace(at);
         } else if !closes && self.agrees(last + 1, index + 1) {
             self.remove(at);
@@ -157,6 +171,14 @@ impl<'t> Brackets<'t> {
         } else {
             self.replace(at);
         }
+    }
+
+    /// Returns true if the bracket at `index` and the one behind it close what is open in the other order.
+    fn is_swapped(&self, index: usize, opener: SyntaxKind) -> bool {
+        let [.., outer, last] = &self.open[..] else { return false };
+        let next = self.tokens.get(index + 1).and_then(|(kind, _)| opener_of(*kind));
+        let is_other_order = outer.kind == opener && next == Some(last.kind);
+        is_other_order && self.agrees(self.open.len() - 2, index + 2)
     }
 
     /// Returns true if the text goes on from this token as it must where so many brackets are open.

@@ -48,7 +48,8 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
     // Of several wrong brackets the parser finds the first one.
     if !wrong.is_empty() && !is_swallowed {
-        mistakes.retain(|known| !is_about_bracket(known));
+        let is_wrong = |known: &Mistake| wrong.iter().any(|wrong| wrong.span == known.span);
+        mistakes.retain(|known| !is_about_bracket(known) && !is_wrong(known));
         let known = |wrong: &Mistake| {
             let known = |known: &&Mistake| is_about_bracket(known) && known.span == wrong.span;
             found.iter().find(known).cloned()
@@ -371,6 +372,27 @@ mod tests {
             "expected `)`, which closes the `(` at 1:2, found `]`",
         ];
         assert_eq!(Vec::from_iter(messages), expected);
+    }
+
+    #[test]
+    fn brackets_that_swap_places_are_read_as_they_were_meant() {
+        let right = "G(n: {a: A(x: [1, 2]), b: B(y: 2)}, o: {})";
+        let text = "G(n: {\"a\": A(x: [1, 2]), \"b\": B(y: 2)}, o: {})";
+        check(&text.replace("2])", "2)]"), right, &[]);
+        check(&text.replace("2)}", "2})"), right, &[]);
+        check(&text.replace("A(x: [1, 2])", "A[x: [1, 2])"), right, &[]);
+        check(&text.replace("A(x: [1, 2])", "A[x: [1, 2]]"), right, &[]);
+        check(&text.replace("A(", "A{"), right, &[]);
+        let tuple = right.replace("[1, 2]", "(1, 2)");
+        check(&text.replace("A(x: [1, 2])", "A[x: (1, 2])"), &tuple, &[]);
+        let text = text.replace("2])", "2)]").replace("B(", "B[");
+        let messages = recovered(&text, &parse(&text).1).unwrap().mistakes.into_iter();
+        let expected = [
+            "expected `]`, which closes the `[` at 1:17, found `)`",
+            "expected `)`, which closes the `(` at 1:13, found `]`",
+            "expected `(` behind `B`, found `[`",
+        ];
+        assert_eq!(Vec::from_iter(messages.map(|mistake| mistake.message)), expected);
     }
 
     #[test]
