@@ -283,7 +283,7 @@ def wooden(folder: pathlib.Path) -> bpy.types.Material:
     material = module("apply").material("wood")
     nodes, links = material.node_tree.nodes, material.node_tree.links
     shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
-    packed = painted("packed", (0.5, 0.25, 0.75, 1), is_data=True)
+    packed = painted("packed", (0.8, 0.2, 0.6, 1), is_data=True)
     packed.pack()
     bumps = painted("bumps", (0.5, 0.5, 1, 1), is_data=True)
     bumps.filepath_raw, bumps.file_format = str(folder / "bumps.png"), "PNG"
@@ -316,12 +316,20 @@ def test_pictures_of_materials_go_through_a_graph(empty: Any, tmp_path: pathlib.
     it = module("live").state(owner)
     assert it.message == "it: source is given without what is linked to Emission Color of the material wood"
     assert list(owner.data.materials) == [bpy.data.materials["wood"]]
-    # As a value that comes from elsewhere, it has a material of its own.
-    it.sources["it"].materials.clear()
-    owner.data[module("live").SHOWN] = ""
-    bpy.ops.maquette.reload()
-    until(lambda: owner.data.materials[0].name != "wood" and settled(owner))
-    (made,) = owner.data.materials
+    mesh = bpy.data.meshes.new("other")
+
+    def show() -> bpy.types.Material:
+        """The material of a mesh that knows nothing of the object."""
+        answers: list[Any] = []
+        client, want = module("engine").client(), [{"value": "mesh", "as": "mesh"}]
+        client.ask("run", answers.append, None, graph=str(tmp_path / "through.ron"), inputs=it.inputs, want=want, slot="other")
+        until(lambda: answers)
+        module("looks").show(mesh, answers[0]["values"]["mesh"], client.folder, [])
+        (made,) = mesh.materials
+        return made
+
+    made = show()
+    assert made.name == "wood.001"
     nodes = made.node_tree.nodes
     shader = next(its for its in nodes if its.type == "BSDF_PRINCIPLED")
 
@@ -330,15 +338,18 @@ def test_pictures_of_materials_go_through_a_graph(empty: Any, tmp_path: pathlib.
         return [round(its, 2) for its in image.pixels[4:7]]
 
     assert middle("Texture") == [0.2, 0.4, 0.6] and nodes["Texture"].extension == "MIRROR"
-    assert [round(its, 1) for its in middle("roughness")] == [0.5, 0.3, 0.7] and nodes["roughness"].image == nodes["metallic"].image
+    assert [round(its, 1) for its in middle("roughness")] == [0.8, 0.2, 0.6] and nodes["roughness"].image == nodes["metallic"].image
     assert shader.inputs["Roughness"].links[0].from_socket.name == "Green" and shader.inputs["Metallic"].links[0].from_socket.name == "Blue"
     assert shader.inputs["Normal"].links[0].from_node.inputs["Strength"].default_value == 0.5
     assert middle("normal") == [0.5, 0.5, 1] and nodes["normal uv"].uv_map == "Second"
     opacity = shader.inputs["Alpha"].links[0]
     assert opacity.from_socket.name == "Alpha" and round(opacity.from_node.image.pixels[3], 2) == 0.5
     assert nodes["normal"].image.colorspace_settings.name == "Non-Color" and not shader.inputs["Emission Color"].links
-    # What a picture shows now is seen.
+    # What a picture shows now is seen, and what a user has made of the material stays.
+    shader.inputs["IOR"].default_value = 2
     bpy.data.images["bark"].pixels.foreach_set(np.tile(np.array((1, 0, 0, 1), "f4"), 8))
+    before = dict(it.inputs)
     source.data.update_tag()
     bpy.context.view_layer.update()
-    until(lambda: settled(owner) and middle("Texture") == [1, 0, 0])
+    until(lambda: settled(owner) and it.inputs != before)
+    assert show() == made and middle("Texture") == [1, 0, 0] and shader.inputs["IOR"].default_value == 2
