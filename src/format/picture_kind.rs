@@ -41,8 +41,8 @@ impl Kind {
         starts.next().map(|&(_, kind)| kind).filter(is_it)
     }
 
-    /// How names of such files end, after the dot.
-    pub fn ending(self) -> &'static str {
+    /// Returns the file extension, without the dot.
+    pub fn extension(self) -> &'static str {
         match self {
             Self::Png => "png",
             Self::Jpeg => "jpg",

@@ -96,15 +96,15 @@ impl Image {
         self.pixels[row * self.width + column]
     }
 
-    /// The picture with its red, green and blue light multiplied.
+    /// Returns the picture with its red, green and blue channels multiplied by linear factors.
     #[must_use]
-    pub fn times(&self, factor: [f64; 3]) -> Self {
+    pub fn multiply(&self, factor: [f64; 3]) -> Self {
         if factor == [1.0; 3] {
             return self.clone();
         }
         let table = factor.map(|factor| {
-            let times = |level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor);
-            Vec::from_iter((0..=255).map(times))
+            let multiply = |level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor);
+            (0..=255).map(multiply).collect::<Vec<u8>>()
         });
         let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
         let pixels = Vec::from_iter(self.pixels().iter().map(color));

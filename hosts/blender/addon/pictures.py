@@ -1,4 +1,4 @@
-"""Pictures on materials: those of Blender as files for the engine, and files of the engine as nodes of Blender."""
+"""Image textures of materials: writes those of Blender to files for the engine, and shows files of the engine as shader nodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import bpy
 
 from .records import levels
 
-# The maps of the engine, and the inputs of the shader that show them.
+# Kinds of maps of the engine, and the inputs of the shader.
 SOCKETS = {
     "base color": "Base Color",
     "metallic": "Metallic",
@@ -25,19 +25,19 @@ COLORS = ("base color", "emissive", "opacity")
 CHANNELS = ("Red", "Green", "Blue")
 WRAPS = {"repeat": "REPEAT", "mirror": "MIRROR", "clamp": "EXTEND"}
 
-# How the files begin that the engine reads: PNG, JPEG, WebP, BMP, TIFF, OpenEXR, Radiance HDR.
+# First bytes of the formats that the engine reads: PNG, JPEG, WebP, BMP, TIFF, OpenEXR, Radiance HDR.
 READABLE = (b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"BM", b"II*\0", b"MM\0*", b"v/1\x01", b"#?RADIANCE")
 
 
 class Files:
-    """Pictures of materials as files in the engine's folder, each once."""
+    """Writes images to the engine's folder, each once."""
 
     def __init__(self, folder: pathlib.Path, start: str) -> None:
         self.folder, self.start = folder, start
         self.names: dict[bpy.types.Image, str | None] = {}
 
     def name(self, image: bpy.types.Image) -> str | None:
-        """The file with a picture; None if there is nothing to be seen of it."""
+        """The file name of an image; None if it has no pixels."""
         if image not in self.names:
             content = _content(image)
             name = f"{self.start}map{len(self.names)}" if content else None
@@ -48,7 +48,7 @@ class Files:
 
 
 def _content(image: bpy.types.Image) -> bytes:
-    """A picture as its file has it, or as it was painted; empty if there is none."""
+    """The bytes of the image's file, or its pixels as PNG if it was painted or has another format; empty if it has no pixels."""
     if image.source == "FILE" and not image.is_dirty:
         try:
             own = image.packed_file.data if image.packed_file else pathlib.Path(bpy.path.abspath(image.filepath, library=image.library)).read_bytes()
@@ -60,7 +60,7 @@ def _content(image: bpy.types.Image) -> bytes:
 
 
 def _png(image: bpy.types.Image) -> bytes:
-    """The pixels of a picture as a PNG file; empty if it has none."""
+    """The pixels of an image as PNG; empty if it has none."""
     import numpy as np
 
     width, height = image.size
@@ -72,7 +72,7 @@ def _png(image: bpy.types.Image) -> bytes:
     colors = levels(pixels) if image.is_float else np.rint(pixels[:, :3].clip(0, 1) * 255).astype("u1")
     opacity = np.rint(pixels[:, 3:].clip(0, 1) * 255).astype("u1")
     rows = np.hstack([colors, opacity]).reshape(height, 4 * width)[::-1]
-    # Each row begins with how it was filtered: not at all.
+    # Each row begins with its filter type, 0: none.
     content = zlib.compress(np.insert(rows, 0, 0, axis=1).tobytes(), 1)
 
     def chunk(name: bytes, data: bytes) -> bytes:
@@ -83,8 +83,10 @@ def _png(image: bpy.types.Image) -> bytes:
 
 
 def maps(shader: Any, uv: str, files: Files) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """The maps of a shader as the engine takes them, and the names of inputs that show something else. `uv` is the UV map that the engine
-    knows as `uv`."""
+    """The maps of a shader in the protocol of the engine, and the names of inputs linked to anything else.
+
+    `uv` is the UV map that the engine calls `uv`.
+    """
     found, others = {}, []
     for kind, name in SOCKETS.items():
         if kind == "opacity" or not shader.inputs[name].links:
@@ -114,7 +116,7 @@ def _source(socket: Any) -> tuple[Any, str]:
 
 
 def _map(socket: Any, uv: str) -> dict[str, Any] | None:
-    """The picture that an input shows, and how; None if that is not one picture alone."""
+    """The image texture that an input is linked to, with its settings; None if it is linked to anything else."""
     its: dict[str, Any] = {"strength": 1.0, "channel": None}
     node, output = _source(socket)
     if node and node.type == "NORMAL_MAP" and node.space == "TANGENT":
@@ -136,7 +138,7 @@ def _map(socket: Any, uv: str) -> dict[str, Any] | None:
 
 
 def show(material: bpy.types.Material, shader: Any, name: str, kind: str, image: bpy.types.Image | None, its: dict[str, Any]) -> None:
-    """Shows a picture at an input of a material's shader in place of the one that is shown there. `its` is the map as the engine tells it."""
+    """Links an input of a shader to an image texture, and removes the previous one. `its` is the map in the protocol of the engine."""
     nodes, links = material.node_tree.nodes, material.node_tree.links
     for old in [nodes.get(f"{name}{part}") for part in ("", " channel", " normal", " uv")]:
         if old:

@@ -23,8 +23,8 @@ pub(super) struct Columns {
     held: BTreeSet<String>,
     /// What the last answers of each slot named; the slot that was answered last is the last.
     last: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
-    /// Descriptions of files that take long to make, by what they were made of: edges of faces, and pictures.
-    made: VecDeque<(String, Vec<Json>)>,
+    /// Cached descriptions of files that take long to make, by their source: edges of faces, and pictures.
+    descriptions: VecDeque<(String, Vec<Json>)>,
     /// What the answer that is being made names.
     named: BTreeSet<String>,
 }
@@ -35,13 +35,13 @@ const ANSWERS: usize = 2;
 /// So many slots do: those that were answered last.
 const SLOTS: usize = 256;
 
-/// So many descriptions are remembered.
-const MADE: usize = 64;
+/// Number of cached descriptions.
+const MAX_DESCRIPTIONS: usize = 64;
 
 impl Columns {
     pub(super) fn new(shelf: Shelf) -> Self {
-        let (held, last, made, named) = Default::default();
-        Self { shelf, held, last, made, named }
+        let (held, last, descriptions, named) = Default::default();
+        Self { shelf, held, last, descriptions, named }
     }
 
     /// Where the files are.
@@ -97,7 +97,7 @@ impl Columns {
         }
         let held = &self.held;
         let is_held = |file: &Json| file["file"].as_str().is_some_and(|it| held.contains(it));
-        self.made.retain(|(_, files)| files.iter().all(is_held));
+        self.descriptions.retain(|(_, files)| files.iter().all(is_held));
     }
 
     /// Puts bytes into a file, if it is not there; gives its name.
@@ -142,29 +142,29 @@ impl Columns {
     fn picture(&mut self, image: Image, catalog: &Catalog) -> Result<Json, String> {
         let size = [image.width(), image.height()];
         let image = AnyValue::new(image);
-        let of = format!("picture {}", image.hash());
-        if let Some(known) = self.known(&of) {
+        let source = format!("picture {}", image.hash());
+        if let Some(known) = self.cached(&source) {
             return Ok(known[0].clone());
         }
         let files = catalog.write(&image, "picture.png").map_err(|error| error.to_string())?;
         let file = files.first().ok_or("the picture gives no file")?;
         let told = json!({ "file": self.keep(&file.bytes, "png")?, "size": size });
-        self.remember(of, vec![told.clone()]);
+        self.cache(source, vec![told.clone()]);
         Ok(told)
     }
 
-    /// The descriptions of the files that were made of something, which the answer names from then on.
-    fn known(&mut self, of: &str) -> Option<Vec<Json>> {
-        let (_, files) = self.made.iter().find(|(known, _)| known == of)?;
+    /// Returns the cached descriptions of files, and keeps these files for the current answer.
+    fn cached(&mut self, source: &str) -> Option<Vec<Json>> {
+        let (_, files) = self.descriptions.iter().find(|(known, _)| known == source)?;
         let names = files.iter().filter_map(|file| file["file"].as_str());
         self.named.extend(names.map(str::to_owned));
         Some(files.clone())
     }
 
-    fn remember(&mut self, of: String, files: Vec<Json>) {
-        self.made.push_back((of, files));
-        if self.made.len() > MADE {
-            self.made.pop_front();
+    fn cache(&mut self, source: String, files: Vec<Json>) {
+        self.descriptions.push_back((source, files));
+        if self.descriptions.len() > MAX_DESCRIPTIONS {
+            self.descriptions.pop_front();
         }
     }
 
@@ -257,7 +257,8 @@ impl Columns {
     }
 
     fn material(&mut self, material: &Material, catalog: &Catalog) -> Result<Json, String> {
-        let message = MaterialMessage::of(material, |bytes, ending| self.keep(bytes, ending))?;
+        let message =
+            MaterialMessage::new(material, |bytes, extension| self.keep(bytes, extension))?;
         let mut told = json!(message);
         if let Some(picture) = material.shown() {
             told["picture"] = self.picture(picture.clone(), catalog)?;
@@ -267,7 +268,7 @@ impl Columns {
 
     /// The ends of all edges, and the edge at which each corner's side begins.
     fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<Vec<Json>, String> {
-        if let Some(known) = self.known(&faces) {
+        if let Some(known) = self.cached(&faces) {
             return Ok(known);
         }
         let edges = mesh.edges();
@@ -276,7 +277,7 @@ impl Columns {
         parts.push("edge of a corner", On::Corner, Meaning::Index, 1, edges.of_corner);
         let [ends, of_corner] = &parts.columns[..] else { return Err("no edges".into()) };
         let columns = vec![self.column(ends, true)?, self.column(of_corner, true)?];
-        self.remember(faces, columns.clone());
+        self.cache(faces, columns.clone());
         Ok(columns)
     }
 

@@ -6,7 +6,7 @@ use maquette_format::picture_file::{self, Kind};
 use maquette_value::{Image, Map, MapKind, Material, Mesh, Transparency, Wrap};
 use serde::{Deserialize, Serialize};
 
-/// A material, as hosts write and read it.
+/// A material in the protocol of `maquette serve`.
 #[derive(Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct MaterialMessage {
@@ -19,16 +19,16 @@ pub(super) struct MaterialMessage {
     transparency: Transparency,
     double_sided: bool,
     vertex_colors: bool,
-    /// By their kinds.
+    /// Maps by the name of their kind.
     maps: BTreeMap<String, MapMessage>,
 }
 
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct MapMessage {
-    /// In the folder.
+    /// Name of the file in the exchange folder.
     file: String,
-    /// That of the picture's own file.
+    /// Name of the original file.
     #[serde(default)]
     name: String,
     #[serde(default = "one")]
@@ -49,35 +49,35 @@ fn uv() -> String {
     "uv".to_owned()
 }
 
-/// The mesh with these materials; `read` reads a file of the folder.
+/// Returns a copy of the mesh with these materials; `read` reads a file of the exchange folder.
 pub(super) fn with_materials(
     mesh: &Mesh,
     materials: &[MaterialMessage],
     read: impl Fn(&str) -> Result<Vec<u8>, String>,
 ) -> Result<Mesh, String> {
     let materials = materials.iter().map(|material| {
-        let made = material.material(&read);
-        made.map_err(|why| format!("the material `{}`: {why}", material.name))
+        let converted = material.to_material(&read);
+        converted.map_err(|why| format!("the material `{}`: {why}", material.name))
     });
     Ok(mesh.clone().with_materials(materials.collect::<Result<Vec<_>, String>>()?))
 }
 
 impl Default for MaterialMessage {
     fn default() -> Self {
-        let plain = Self::of(&Material::default(), |_, _| Ok(String::new()));
+        let plain = Self::new(&Material::default(), |_, _| Ok(String::new()));
         plain.expect("a material without maps writes no file")
     }
 }
 
 impl MaterialMessage {
-    /// What there is to say of a material; `keep` puts the file of a map, with its ending, into the folder.
-    pub(super) fn of(
+    /// Describes a material; `keep` writes the file of a map with this extension and returns its name.
+    pub(super) fn new(
         material: &Material,
         mut keep: impl FnMut(&[u8], &'static str) -> Result<String, String>,
     ) -> Result<Self, String> {
         let maps = material.maps.iter().map(|(kind, map)| {
             let message = MapMessage {
-                file: keep(&map.bytes, Kind::of(&map.bytes).map_or("map", Kind::ending))?,
+                file: keep(&map.bytes, Kind::of(&map.bytes).map_or("map", Kind::extension))?,
                 name: map.file.clone(),
                 strength: map.strength,
                 channel: map.channel,
@@ -99,7 +99,10 @@ impl MaterialMessage {
         })
     }
 
-    fn material(&self, read: impl Fn(&str) -> Result<Vec<u8>, String>) -> Result<Material, String> {
+    fn to_material(
+        &self,
+        read: impl Fn(&str) -> Result<Vec<u8>, String>,
+    ) -> Result<Material, String> {
         let numbers = self.base_color.iter().chain(&self.emissive);
         let mut numbers = numbers.chain([&self.metallic, &self.roughness]);
         if let Some(number) = numbers.find(|number| !(0.0..=1.0).contains(*number)) {
@@ -107,7 +110,7 @@ impl MaterialMessage {
         }
         let mut maps = BTreeMap::new();
         for (kind, map) in &self.maps {
-            maps.insert(MapKind::of(kind.clone()), map.map(&read)?);
+            maps.insert(MapKind::of(kind.clone()), map.to_map(&read)?);
         }
         let [red, green, blue, _] = self.base_color;
         let seen = |map: &Map| -> Result<Image, String> {
@@ -132,7 +135,7 @@ impl MaterialMessage {
 }
 
 impl MapMessage {
-    fn map(&self, read: impl Fn(&str) -> Result<Vec<u8>, String>) -> Result<Map, String> {
+    fn to_map(&self, read: impl Fn(&str) -> Result<Vec<u8>, String>) -> Result<Map, String> {
         let bytes = read(&self.file)?;
         if Kind::of(&bytes).is_none() {
             return Err(format!("expected a picture in {}", self.file));

@@ -360,7 +360,7 @@ impl<'a> Materials<'a> {
                 }
             },
         };
-        let image = plain.map(|image| image.times(factor));
+        let image = plain.map(|image| image.multiply(factor));
         let image = image.filter(|image| match self.pixels.checked_sub(image.pixels().len()) {
             Some(left) => {
                 self.pixels = left;

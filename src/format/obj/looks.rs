@@ -122,18 +122,18 @@ impl Files<'_> {
         }
         let names = Vec::from_iter(self.written.iter().map(|(_, name)| name.clone()));
         if self.has_one && pictures.is_empty() {
-            let name = format!("{}.{}", self.stem, ending(map));
+            let name = format!("{}.{}", self.stem, extension(map));
             return self.write(name, map, pictures);
         }
         // Beside the file may be the one that was read.
         let own = unique(&map.file, "picture", &[]);
         let own = own.strip_prefix(self.stem).map_or(&*own, |own| own.trim_start_matches('_'));
-        let (start, ending) = own.rsplit_once('.').unwrap_or((own, ending(map)));
-        let mut name = format!("{}_{start}.{ending}", self.stem);
+        let (start, extension) = own.rsplit_once('.').unwrap_or((own, extension(map)));
+        let mut name = format!("{}_{start}.{extension}", self.stem);
         let mut count = 1;
         while names.contains(&name) {
             count += 1;
-            name = format!("{}_{start}_{count}.{ending}", self.stem);
+            name = format!("{}_{start}_{count}.{extension}", self.stem);
         }
         self.write(name, map, pictures)
     }
@@ -145,9 +145,9 @@ impl Files<'_> {
     }
 }
 
-/// How the name of a map's file ends.
-fn ending(map: &Map) -> &'static str {
-    Kind::of(&map.bytes).unwrap_or(Kind::Png).ending()
+/// Returns the file extension for a map, without the dot.
+fn extension(map: &Map) -> &'static str {
+    Kind::of(&map.bytes).unwrap_or(Kind::Png).extension()
 }
 
 /// A name of one word that no other one is.
