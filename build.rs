@@ -5,6 +5,9 @@
 //! packages beneath, profiles, the compiler and what it is told, and the ids of the crates beneath. These come through cargo: each
 //! crate that takes part has `build = ".../build.rs"` and its own name as `links`. What only tests need does not count. The id is empty
 //! if something of this cannot be told, as where a local crate beneath has no id.
+//!
+//! The id is empty, too, where a change could go unnoticed: a build folder outside of the workspace, or a library that is patched in from a
+//! folder. A source that is saved while it is compiled may get the id of its old content; the next build corrects this.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};

@@ -12,6 +12,11 @@
 //!
 //! `cargo bench -p maquette-program --bench page` takes some eight minutes, four of them to draw without a card what is large, and needs Chromium.
 //! Words say what is measured alone: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
+//!
+//! On two cores without a graphics card, a save is visible after 130 ms, and a moved slider after 76 ms (20 000 triangles); 1.5 million
+//! triangles that moved are 12 MB and in the buffers after 50 ms; another nose of the doll moves 3 % of its bytes; 500 edits leave the page
+//! as large as it was; eight pages show a save after 95 ms. A page is told of ten million triangles 130 ms after a save or a moved slider;
+//! `told` draws nothing, because drawing without a card takes all cores for seconds.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;

@@ -1,4 +1,7 @@
 //! Brings scans that lie almost right together, all of them at once.
+//!
+//! Each pair that overlaps adds its equations to one system, for two scans as for many. Scans are sampled by grids, from coarse to fine, so
+//! that noise is averaged and both sides are sampled alike. Nothing is random.
 
 use maquette_node::{Cancelled, Progress};
 use maquette_value::parallel::*;

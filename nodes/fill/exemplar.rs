@@ -12,6 +12,10 @@
 //! - Last, each vertex gets the fine detail of its exemplar, amplified until the fill is as rough as the data around the hole: the mean of
 //!   many patches is smoother than each of them, and the best match of a smooth patch is a smooth one. Then the dihedral angles of the
 //!   filled edges get the distribution of those around the hole.
+//!
+//! Between iterations no edge is split or collapsed, so that energies are comparable and a new triangulation loses no detail.
+//! [`Update::Published`] follows the publication: each level has its own density, by splits and collapses, which removes the wrinkles of a
+//! poor start, and normals at the rim come from the data alone.
 
 mod bends;
 mod best_match;

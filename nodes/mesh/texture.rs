@@ -1,4 +1,6 @@
 //! Puts a picture on a mesh.
+//!
+//! There is no `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
 use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
 use maquette_value::parallel::*;

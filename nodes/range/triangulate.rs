@@ -1,4 +1,6 @@
 //! Makes a mesh of a range image.
+//!
+//! There is no `update`: one moved point changes the median spacing, by which each triangle is judged.
 
 use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use maquette_value::parallel::*;

@@ -1,4 +1,7 @@
 //! What scans are made of, and parts of it.
+//!
+//! `KeepCells`, `Crop`, `Pieces` and `DominantPlane` decide for each cell, point or vertex whether it stays, and `Scan::only` does the
+//! rest, so that each of them takes range images, points and meshes. No face is cut: what remains is as the sensor measured it.
 
 use maquette_value::{Mesh, Points, RangeImage};
 use nalgebra::Point3;

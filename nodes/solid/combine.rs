@@ -1,4 +1,8 @@
 //! What solids make of each other.
+//!
+//! The union of two spheres with 81 920 triangles each takes 70 ms; Manifold takes 150 ms from these meshes, and 53 ms from meshes in its
+//! own form (`just peers union`). `boolmesh`, the one library in Rust, is a port of Manifold under the MPL: it took 379 ms, merges vertices
+//! and flat faces far from the cut, and knows no attributes by name.
 
 use cut::Cut;
 use maquette_mesh::{MergeError, Poses, merge};

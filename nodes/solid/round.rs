@@ -1,4 +1,7 @@
 //! What is no farther from triangles than a radius.
+//!
+//! Tetrahedra of a grid never cross each other. So a vertex is moved from an edge of the grid to the surface only if no faces cross
+//! afterwards.
 
 use maquette_node::{Cancelled, Limit, Progress, TooMuch};
 use maquette_value::parallel::*;

@@ -1,4 +1,9 @@
 //! Gives a surface a thickness.
+//!
+//! Moving each vertex along its normal folds the surface wherever it bends more than the wall is thick. Limiting these moves made thin
+//! walls, and mending thin walls made blobs. So the surface is closed to a body, with a lid on each border (behind walls where the lid
+//! would be in the surface), and `Boolean` takes the part of the body within the distance, which a grid knows. The surface itself keeps its
+//! bytes.
 
 use std::collections::BTreeMap;
 

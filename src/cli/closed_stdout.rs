@@ -2,6 +2,8 @@
 //!
 //! Rust's runtime opens `/dev/null` in place of a closed stream, for reading and writing, as other programs do for a child whose output nobody
 //! wants. So the difference can only be seen before the runtime begins.
+//!
+//! The function that looks is in the section `.init_array` (Linux): the system calls it before the runtime begins.
 
 #![allow(unsafe_code, reason = "the system calls a function before the runtime begins")]
 

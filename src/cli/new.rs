@@ -1,4 +1,7 @@
 //! `maquette new`: looks at a folder of scans and writes a graph that runs on them.
+//!
+//! The command knows no node. A recipe of a pack is a whole graph file, and the fields of its first node that reads a scan say which files
+//! it needs. The readers determine what the files of the folder contain; names alone do not.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

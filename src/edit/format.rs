@@ -5,6 +5,8 @@
 //! literal are kept. What is on one line stays there as long as it fits; otherwise a list or map in last place is opened
 //! behind what stands before it, and anything else is broken into one entry a line. Lists of short values are filled. The
 //! entries of `nodes` and the rows of a list of lists are always on lines of their own.
+//!
+//! The printed text is compared with the text that was read before it is returned.
 
 use std::mem::take;
 use std::path::Path;

@@ -2,6 +2,8 @@
 //!
 //! Gray becomes three equal channels, 16 bits are cut to the upper 8, alpha is dropped. Floats are light: they are clamped to
 //! 0 to 1 and put on the curve of sRGB; what is no number is black.
+//!
+//! All formats go through `ImageDecoder`, whose limits follow the one rule for the memory of files.
 
 use std::error::Error as _;
 use std::io::ErrorKind;

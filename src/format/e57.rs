@@ -1,4 +1,6 @@
 //! E57, the scans of laser scanners, each with the place from which it was made.
+//!
+//! The crate `e57` trusts the sizes that a file states. A reader here must not, so that sizes are checked before the crate reads them.
 
 use std::io::Cursor;
 

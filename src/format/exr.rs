@@ -1,4 +1,6 @@
 //! Depth maps in OpenEXR files, as renderers write them: one channel of floats.
+//!
+//! The reader is the crate `exr`, on which `image` depends anyway.
 
 use std::io::Cursor;
 

@@ -1,4 +1,6 @@
 //! What a capture gave, as it stands in files for viewers: y up, z towards the viewer.
+//!
+//! Values keep the axes of the sensor, so that a cell is where its camera saw it. Only files for viewers are rotated, and only here.
 
 use std::borrow::Cow;
 

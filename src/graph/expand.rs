@@ -2,6 +2,10 @@
 //!
 //! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
 //! with equal keys, which are computed once.
+//!
+//! Drafts that no parameter shapes are shared by all uses; all others are made again with the values of the use. Only there can an error
+//! appear that the check of the file has not found: it is reported inside, with the path of uses and the position of the value. A link to
+//! an output of a `Switch` becomes a link to what the `Switch` chooses.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;

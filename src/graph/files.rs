@@ -250,6 +250,7 @@ impl<'a> Reads<'a> {
 }
 
 /// A forecast reads at most this many bytes of files: they are hashed in some 20 ms.
+/// A scan of 3 GB takes 22 s. If the stamp of such a file is not that of the last run, the answer is that it may have changed.
 const MAX_FORECAST_BYTES: u64 = 64 << 20;
 
 /// Returns the size of a file and of those that it names; more than a forecast reads if it is known to be larger.

@@ -1,4 +1,6 @@
 //! The inputs of a graph: values that come from a graph that uses it, or from whoever calls it as a function.
+//!
+//! A file for an input becomes the value that a node would read from it: `camera.json` beside a range file or picture counts.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

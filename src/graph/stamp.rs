@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 
 /// What the system tells of a file without reading it. A file that is written to gets another stamp, unless it is written twice
 /// within the clock's grain.
+///
+/// A stamp has the size, the times of content and status, the device and the number of a file. A file with an unchanged stamp is not read
+/// again if the stamp is so old that a later write would have changed it, as in git.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
     size: u64,

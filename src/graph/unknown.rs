@@ -1,4 +1,7 @@
 //! Nodes of types that no pack has: they keep their data in the file, and give nothing.
+//!
+//! Such a node fails, the nodes that depend on it are skipped, and the evaluator knows nothing else of it. A node whose file is missing is
+//! treated alike. The check still reports an error, because it is asked about the whole graph.
 
 use std::sync::Arc;
 

@@ -1,4 +1,7 @@
 //! Commands that an editor has run: each by a process of its own, so that nothing that a graph does can harm the server.
+//!
+//! A command runs in the project's folder, from what is saved. The server evaluates nothing: shapes, times and sizes come from the note on
+//! disk that every evaluation leaves (`last`), and a forecast says which of them are still valid.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};

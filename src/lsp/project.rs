@@ -1,4 +1,7 @@
 //! The files of a project by the names in them: where a name is declared, where it is used, and what a new one changes.
+//!
+//! Names come from the reading that the check does, because a new name must be right in every file. A rename is refused while a text cannot
+//! be read.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};

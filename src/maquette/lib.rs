@@ -64,7 +64,7 @@
 //! ```
 //!
 //! [`conformance::check`] tells which laws a pack breaks; `maquette_cli::main` with some packs is a program with all commands. `examples/embed.rs`
-//! is a host in forty lines, and ARCHITECTURE.md tells how it is built.
+//! is a host in forty lines, and `docs/architecture.md` describes how it is built.
 
 pub use maquette_diagram as diagram;
 pub use maquette_edit as edit;

@@ -1,4 +1,7 @@
 //! The ports and outputs of a node.
+//!
+//! A port's `In<T>` contains the index of its link. The serialized parameters contain it as `{"$link": n}`, which the key of the node
+//! replaces by the hash of the value. A link may be anywhere in the fields of a node.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -5,6 +5,10 @@
 //! next. The page itself is in `web/`: plain modules without anything to build.
 //!
 //! Begin reading in `page.rs`, then `server.rs`. This crate does not evaluate: it shows what a watch has.
+//!
+//! The page has the lamps and the camera of `render` once more, in WebGL, and the tests of the page compare both pixel by pixel. Flat
+//! pictures are drawn on the picture that they were made from, so that every value can be enlarged, wiped and pinned. Traces are the page's
+//! own plots. Without WebGL `render` makes the pictures. The lens is that of `--view YAW,PITCH,ZOOM`: moving nearer enlarges.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 

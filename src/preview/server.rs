@@ -3,6 +3,8 @@
 //! A program that shows a user's files to any browser that asks would show them to every site that the user visits. So it listens on this
 //! machine's own address alone; answers only requests that were made to that address by name, which a site that had its name
 //! rebound cannot; and opens a socket only to its own page, which knows the token of the link.
+//!
+//! `axum` answers on one thread. The name of a column is known only to pages that were told of the column.
 
 use std::future::pending;
 use std::net::TcpListener;

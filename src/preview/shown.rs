@@ -1,6 +1,8 @@
 //! A value as pages show it: what a page is told of it, and the columns of bytes that a graphics card takes.
 //!
 //! A column is named by what is in it, so that nobody takes the same bytes twice.
+//!
+//! Columns that only some views need, such as edges and numbers of attributes, are named by the value and made on request.
 
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};

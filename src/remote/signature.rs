@@ -2,6 +2,8 @@
 //!
 //! Amazon, *Signature Calculations for the Authorization Header: Transferring Payload in a Single Chunk (AWS Signature Version 4)*, in
 //! the reference of S3, whose example is the test.
+//!
+//! The signature is in a header, never in the URL, because proxies log URLs. The client that sends all other requests sends these, too.
 
 use std::fmt::Write as _;
 use std::time::{Duration, SystemTime};

@@ -4,6 +4,9 @@
 //! What is seen is what [`render_layers`](super::render_layers) draws: the same normals, colors and solids. Places are single precision,
 //! measured from a `center` in units of a `scale`; both are round numbers, so that a small change of a value does not move all of it.
 //! Where only some vertices have moved, a shape is [made of the one before](after).
+//!
+//! The scale is a power of two near the size of the value, and the center a multiple of the scale. A center that follows the value would
+//! change every byte.
 
 use std::sync::Arc;
 

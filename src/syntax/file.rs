@@ -32,6 +32,7 @@ pub(super) const CLOSES_NOTHING: &str = " closes nothing";
 
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
 /// deep than the stack of a thread.
+/// This is checked before the parser sees a text, so that nothing else needs a limit of its own.
 pub const DEEPEST: usize = 128;
 
 /// The tokens of a text in order, none left out, each with its place. Nothing in it is nested, so that any text will do.

@@ -1,4 +1,7 @@
 //! What to do about a problem: in words, and as an edit of the text where there is one answer.
+//!
+//! The edit is determined where the problem is found, never from its words. `check --fix`, editors and the live page apply the edit as it
+//! is. An edit may show what the mistake has hidden, such as the fields of a node whose type was not known.
 
 use std::fmt;
 

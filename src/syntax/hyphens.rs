@@ -1,4 +1,7 @@
 //! Fields that are written with hyphens, as the names are that they stand for.
+//!
+//! RON has no hyphens in names of fields, and names of nodes, inputs and parameters have no underscores. So an underscore in a field
+//! represents a hyphen, and each spelling has one meaning.
 
 use ronin_core::SyntaxKind;
 

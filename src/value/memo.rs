@@ -7,6 +7,7 @@ use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, Va
 
 /// What `Context::memo` asks by, and what it remembers: plans, trees, factors. It is no
 /// value of a graph: it stays in memory, and cannot be shown.
+/// Reading a plan back from disk would take as long as making it.
 pub trait Memo: Clone + Send + Sync + 'static {
     /// A name that no other type of a program's memos has.
     const NAME: &'static str;

@@ -34,6 +34,7 @@ pub trait Value: Clone + Send + Sync + 'static {
     }
 
     /// How much memory the value holds, in bytes.
+    /// That includes memory that is reserved for more items. Memory that two values share counts for both.
     fn size(&self) -> usize;
 
     /// What a reader wants to know first: counts, bounds, topology; one labelled fact a row.

@@ -22,6 +22,7 @@ mod new;
 mod nothing_is_lost;
 mod pictures;
 mod read_only;
+mod readme;
 mod real_scans;
 mod remote;
 mod replaying;

@@ -1,4 +1,7 @@
 //! Columns of a value as arrays of NumPy, which lie where the value has them.
+//!
+//! `__array_interface__` needs no copy here, no `unsafe`, and nothing of NumPy at import. It gives no way to write, because the object has
+//! no buffer that could be asked for. The package `maquette` copies each array before users get it.
 
 use maquette::AnyValue;
 use maquette::value::{Items, Meaning, On, Part};

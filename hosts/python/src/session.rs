@@ -1,4 +1,8 @@
 //! Sessions: what is known from one run to the next, and the runs.
+//!
+//! A run has its own thread. The caller waits without the interpreter's lock, checks for signals every 20 ms, and continues 80 ms after an
+//! interrupt even if a node does not stop; such a run ends by itself. No lock that a thread may hold without the interpreter's lock is
+//! taken around a `fork`. What belongs to another process is neither used nor dropped, because its threads do not exist here.
 
 use std::collections::HashMap;
 use std::path::PathBuf;

@@ -1,4 +1,7 @@
 //! Which points a deformation reaches where a background ends the pull of its handles: the others stay to the bit, and cost nothing.
+//!
+//! The boxes are remembered, so that a moved handle costs its own rows. There is no `Node::update`, because points that stay are those of
+//! the input, not of the last result.
 
 use std::ops::Range;
 

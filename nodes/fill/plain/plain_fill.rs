@@ -97,6 +97,7 @@ fn membrane(
 /// tell whether the data's curvature continues behind it or fades, so the rest shape is the mean of two extremes that are found on the
 /// coarse level: a membrane, which does not bulge at all, and a plate whose rest shape is the plate itself, which bulges most. With a flat
 /// rest shape, plates are up to twice as far from the truth where the data are round; with the other extreme, where they are not.
+/// The fine plate is computed once, over that mean.
 fn plate(
     triangulation: &mut Triangulation,
     rim: &Rim,

@@ -1,4 +1,7 @@
 //! Borders of a grid's mesh without the steps of the grid.
+//!
+//! A short border has no long waves and would shrink to a point, so vertices move less where a face would lose its area. A component of one
+//! or two triangles would become a point itself and is left out: nobody sees it, and it makes a solid unprintable.
 
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};

@@ -1,4 +1,8 @@
 //! Which neighboring cells of a range image lie on one surface.
+//!
+//! The tests are guesses from distance and slope, and a redesign makes both large on purpose. So `Blend` and `FillRange` mark the triangles
+//! of their surfaces in the range image (`RangeImage::joined`), and `Triangulate` never cuts these. There is one bit for each triangle, not
+//! for each cell: an ear and a hood are surfaces, and the triangles between them are not.
 
 use maquette_value::RangeImage;
 use maquette_value::parallel::*;

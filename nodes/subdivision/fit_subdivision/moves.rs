@@ -191,6 +191,7 @@ impl<'a> Moving<'a> {
     }
 
     /// Takes the next edges whose moves do not see each other.
+    /// They are judged side by side, so that the order is independent of the number of threads.
     fn apart(&self, waiting: &mut VecDeque<[u32; 2]>) -> Vec<([u32; 2], Surroundings)> {
         let [mut read, mut written] = [(); 2].map(|()| vec![false; self.net.faces.len()]);
         let mut batch = Vec::new();

@@ -5,6 +5,12 @@
 //! `e` has the half-edges which arithmetic finds from those of `e`, and in each later step the first halves of these. So neither
 //! weights nor indices are stored for them. The others, the *odd* ones, are the irregular vertices of the first mesh and those on
 //! borders and creases.
+//!
+//! Vertices are numbered by birth, so that the surroundings of the next vertex are far from those of the last one and come from memory each
+//! time. So a task of `Level::at_regular` makes all vertices that a few faces have borne in three steps, after it has read the corners and
+//! places of these faces in order: some 300 KB, which fit into a core's cache. For 1.5 million quads places take 28 ms instead of 41, and
+//! limits with normals 150 ms instead of 225 (the fastest of 15 runs each, in turn, two threads). A mask that is inlined into the loop is
+//! slower by a third, and one that returns its tangents in memory waits for them.
 
 use std::hint::black_box;
 use std::iter;

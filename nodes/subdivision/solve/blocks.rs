@@ -1,4 +1,7 @@
 //! Which limit points depend on which control points alone: the order in which they are solved for.
+//!
+//! The blocks are found from the limit masks alone, for every scheme. Around the end of a crease the equations do not decompose; there the
+//! normal equations are solved.
 
 use maquette_value::Faces;
 use maquette_value::parallel::*;

@@ -125,6 +125,7 @@ impl Own {
 /// halved in time, or grows, the points that are missed by most take their own limits for feet from then on, and the iteration goes on
 /// from the best iterate. Nearby points may have slid onto nearly the same place of the surface, so that nothing moves them apart; none
 /// slides any more. Each time there are more such points, and with all of them the problem is linear.
+/// An iteration that converges as the published one never gets there.
 ///
 /// A nonlinear iteration has diverged if the distances grew, or were no longer reduced, and were never small; or if its curve or surface left
 /// the neighborhood of the points, which it may do between feet that are near. Control points may be far from their points.

@@ -1,4 +1,6 @@
 //! The feet of given vertices on a subdivision surface.
+//!
+//! All schemes have exact derivatives everywhere, so that no mesh replaces the surface.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::parallel::*;

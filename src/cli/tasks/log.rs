@@ -1,4 +1,8 @@
 //! The log of each task that a farm runs: what it does, until it ends or its process is killed.
+//!
+//! The program writes the log itself, beside the list of tasks: engines keep the output of a job in different places or nowhere, and a
+//! command line has no names of tasks. The job that finds that all tasks have ended makes the contact sheet, because lines for GNU parallel
+//! have no last step.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};

@@ -1,4 +1,7 @@
 //! What a task leaves: one file that says which values it had, what came of it and what it was made of.
+//!
+//! A record is valid as long as its `key` and the hashes of its `files` are unchanged, whatever is in the cache. So machines of a farm need
+//! no common cache, and a changed comment runs nothing.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

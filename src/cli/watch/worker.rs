@@ -1,4 +1,6 @@
 //! The thread that evaluates while the watch listens.
+//!
+//! Its evaluator lives as long as the watch. Nothing tracks which results are still valid, because keys do.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -138,6 +138,7 @@ impl Run<'_> {
 
     /// Makes the node's values of those that it gave the last time, if only other values have come in since, and memory still has all
     /// of it; none if the node cannot.
+    /// The hashes in the parts of its key identify the old values, so that nothing is tracked from edit to edit.
     fn update(
         &self,
         index: usize,

@@ -15,6 +15,8 @@
 //! used for longest, [`doctor`](Disk::doctor) looks at all of them. Whatever has no name of ours stays: see [`folder`].
 //!
 //! Entries and columns, which are named by what they are made of, may be shared with other machines: see `remote`.
+//!
+//! A large column is read straight into its buffer.
 
 use std::collections::HashMap;
 use std::fmt;

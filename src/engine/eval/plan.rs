@@ -1,4 +1,7 @@
 //! What must be looked at, found before anything runs.
+//!
+//! Data that a node was computed from are spread over memory: fetching them for 10 000 nodes took four of five milliseconds. So for a node
+//! of unchanged name, recipe and links, whose dependencies are unchanged, only one hash is compared.
 
 use std::sync::{Arc, OnceLock};
 

@@ -1,4 +1,7 @@
 //! How many elements each `ForEach` over data has: found by evaluating the data, before the rest of a graph.
+//!
+//! The last counts, also those in a note on disk, are a guess: the node that takes the data apart reports if the number is another one. So
+//! nothing is evaluated first where nothing has changed. Guessed counts that no evaluation has confirmed are taken back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -3,6 +3,10 @@
 //! A file appears whole or not at all, so it is never written where it lies. The one that it replaces is not removed, but kept beside it under a
 //! name of what is being written, for the next time. Pages that are there cost a third of new ones, and those that are right already nothing.
 //! It is written over only if nobody else can see that: nobody has it open, it has no other name, and it is as it was left.
+//!
+//! The first two times a new file is written. Copying the unchanged part from the old file costs what writing costs (65 to 90 ms for 337
+//! MB), and ext4 cannot share it. If the machine stops before all is on disk, such a file would have the right length and time: the next
+//! process is told of it only when `bring_to_disk` has ended, beside the run.
 
 #![cfg_attr(
     target_os = "linux",

@@ -2,6 +2,8 @@
 //!
 //! Each has a name of a form that nothing else has, and is locked by the process that writes it. The system takes a lock away with
 //! its process: a file that can be locked is no longer written by anybody. On file systems without locks nothing is swept.
+//!
+//! No age of a file and no process id tells as reliably that its process has ended.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};

@@ -1,4 +1,6 @@
 //! Reads glTF whose buffers and pictures are files of their own, or stand in the document as text: as the GLB file that says the same.
+//!
+//! So glTF of several files and GLB files have one reader.
 
 use std::collections::HashMap;
 

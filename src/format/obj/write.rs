@@ -1,4 +1,6 @@
 //! Writes OBJ files, with a material and a picture for a mesh with a texture.
+//!
+//! The lines of a mesh are made before the file is written, because no line has a known length.
 
 use std::borrow::Cow;
 use std::ops::Range;

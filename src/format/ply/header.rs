@@ -7,6 +7,7 @@ use crate::{excerpt, parse, words};
 pub(super) const TEXCOORD: &str = "texcoord";
 
 /// Our name for them where faces are not triangles: MeshLab refuses such a file if they have the usual name.
+/// Split vertices would open a closed mesh, and triangles would lose the quads; a warning tells of the name.
 pub(super) const CORNER_UV: &str = "corner_uv";
 
 /// How one number is stored.

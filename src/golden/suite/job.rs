@@ -222,6 +222,8 @@ impl Job<'_> {
 
     /// The name of the golden of some outputs: that of the node which gives them, or of the one that did so when it was accepted, if the
     /// node has another name now.
+    /// A golden belongs to outputs: its file has the node's name of the day it was accepted, and after a rename the files that its summary
+    /// names identify it.
     fn golden_name(&self, name: String, outputs: &[String], named: &[String]) -> String {
         if !matches!(store::read(&self.folder, &name), Err(NoGolden::Missing)) {
             return name;

@@ -1,4 +1,6 @@
 //! Links to inputs that a use leaves out.
+//!
+//! The node is read again without such a link, so that its key is that of a node that is written without it.
 
 use std::collections::HashMap;
 

@@ -2,6 +2,10 @@
 //!
 //! Fresh memory costs more than the copy that goes into it, and of a copy that was right some moves ago only what has changed since has to
 //! be copied.
+//!
+//! A column is one list in one piece, so that every kernel reads a slice, and columns in chunks are not needed. In a drag each move finds a
+//! spare as soon as the memory for results is full. The first moves copy everything to fresh pages, which the system clears first; on a
+//! virtual machine that takes longer than all else.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -1,4 +1,6 @@
 //! Where a mesh runs through itself.
+//!
+//! Expectations and nodes call `Mesh::crossings`. It uses one tree of boxes: a sweep along one axis took minutes on a mesh of 350 000 faces.
 
 use nalgebra::Point3;
 use robust::{Coord3D, orient3d};

@@ -1,4 +1,6 @@
 //! Which build of the code this is: results of another one are never believed.
+//!
+//! Values, formats and readers of a pack count as its nodes do, because they need not be from the crate of its nodes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;

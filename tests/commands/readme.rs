@@ -1,0 +1,38 @@
+//! The README shows a graph and a message as they are.
+
+use std::fs;
+use std::process::Command;
+
+const README: &str = include_str!("../../README.md");
+const DOLL: &str = include_str!("../../graphs/doll.ron");
+
+/// Returns the first fenced block of a language.
+fn block(language: &str) -> &'static str {
+    let (_, rest) = README.split_once(&format!("```{language}\n")).expect("a block");
+    let (block, _) = rest.split_once("```").expect("the end of a block");
+    block
+}
+
+#[test]
+fn the_example_is_the_text_of_a_graph() {
+    assert_eq!(block("ron"), DOLL);
+}
+
+#[test]
+fn the_sample_message_is_printed_by_check() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("graphs")).unwrap();
+    let wrong = DOLL.replace(r#"Label(mask: "red""#, r#"Label(mask: "scan.color""#);
+    assert_ne!(wrong, DOLL);
+    fs::write(folder.path().join("graphs/doll.ron"), wrong).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.args(["check", "graphs/doll.ron"]).current_dir(folder.path()).env("NO_COLOR", "1");
+    let output = command.output().unwrap();
+    let printed = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    assert!(printed.contains(block("text")), "{printed}");
+}
+
+#[test]
+fn it_has_at_most_7_kilobytes() {
+    assert!(README.len() <= 7_000, "{} bytes", README.len());
+}
