@@ -254,3 +254,11 @@ def test_what_there_is_no_room_for_is_a_memory_error() -> None:
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.splitlines() == ["MemoryError"] * 3 + ["(8, 8, 3)"]
+
+
+@pytest.mark.parametrize("value", [b"7", bytearray(b"7"), memoryview(b"7"), 10**400, [10**400]])
+def test_a_value_that_no_parameter_can_have_is_refused_with_its_name(value: object) -> None:
+    graph = maquette.load("a.ron", text=GRAPH, cache=None)
+    for name in ("number", "count", "vector"):
+        with pytest.raises((TypeError, ValueError), match=name):
+            graph.run(params={name: value})

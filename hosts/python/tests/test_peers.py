@@ -184,6 +184,23 @@ def test_colors_and_attributes_of_trimesh_come_in() -> None:
     assert {"label" in str(it.message) or "opaque" in str(it.message) for it in told} == {True} and len(told) == 2
 
 
+@pytest.mark.parametrize("name", ["position", "corners", "sides", "creases", "frame", "corner x", "face x"])
+def test_attributes_with_names_of_columns_are_left_out_with_a_warning(name: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box()
+    box.vertex_attributes[name] = np.ones((8, 3))
+    with pytest.warns(UserWarning, match=name):
+        mesh = maquette.Mesh(box)
+    assert (mesh.vertices == box.vertices).all() and not mesh.attributes
+    pyvista = pytest.importorskip("pyvista")
+    theirs = pyvista.Sphere()
+    theirs.clear_data()
+    theirs.point_data[name] = np.ones((theirs.n_points, 3))
+    with pytest.warns(UserWarning, match=name):
+        mesh = maquette.Mesh(theirs)
+    assert np.allclose(mesh.vertices, theirs.points)
+
+
 def test_what_trimesh_changed_comes_in_changed() -> None:
     pytest.importorskip("trimesh")
     rich = captured(meshes()["rich"].replace(uv=CHANCE.random((12, 2))))

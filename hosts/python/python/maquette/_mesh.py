@@ -309,8 +309,13 @@ class _Attributes(Mapping[str, "NDArray[Any]"]):
         return repr(dict(self))
 
 
-_OWN_PARTS = ("position", "corners", "sides", "creases", "frame", "pose", "point", "texture size", *_pictures.TEXTURE_PARTS)
+OWN_PARTS = ("position", "corners", "sides", "creases", "frame", "pose", "point", "texture size", *_pictures.TEXTURE_PARTS)
 """Names of columns that are no attributes."""
+
+
+def is_own(name: str) -> bool:
+    """Returns True if a column of this name is not an attribute."""
+    return name in OWN_PARTS or name.startswith(("corner ", "face "))
 
 
 def _attributes(on: str, given: Optional[Mapping[str, Any]]) -> Dict[str, _AnyPart]:
@@ -322,7 +327,7 @@ def _attributes(on: str, given: Optional[Mapping[str, Any]]) -> Dict[str, _AnyPa
     for name, array in (given or {}).items():
         if not isinstance(name, str):
             raise TypeError(f"the name of an attribute is a {type(name).__name__}; expected a str")
-        if name in _OWN_PARTS or name.startswith(("corner ", "face ")):
+        if is_own(name):
             raise ValueError(f"no attribute is called `{name}`, which means something else; give it another name")
         if array is None:
             parts[prefix + name] = (on, None)

@@ -9,6 +9,7 @@ T = TypeVar("T")
 
 # A parameter or field of so many numbers is a text of some 10 MB.
 _MAX_NUMBERS = 2**20
+_MAX_INTEGER = 2**63 - 1
 
 
 class Param(NamedTuple):
@@ -116,10 +117,14 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, str):
         check_text(name, value)
         return value
-    if isinstance(value, (bool, int)):
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        raise TypeError(f"`{name}` is a {type(value).__name__}; expected a bool, number, text or list")
+    if isinstance(value, bool) or isinstance(value, int) and abs(value) <= _MAX_INTEGER:
         return value
     try:
         number = float(value)
+    except OverflowError:
+        raise ValueError(f"`{name}` has more digits than any number in a graph") from None
     except (TypeError, ValueError):
         raise TypeError(f"`{name}` is a {type(value).__name__}, which no parameter is") from None
     if number != number or number in (float("inf"), float("-inf")):

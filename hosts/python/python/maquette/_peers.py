@@ -92,6 +92,12 @@ def _add(parts: _Parts, on: str, name: str, array: Any, *, opaque: bool = False)
     """Adds an attribute; one that cannot be kept is a warning. `opaque`: alpha is dropped."""
     import numpy as np
 
+    from ._mesh import is_own
+
+    if is_own(name):
+        reason = "no attribute has this name, which means something else; rename it"
+        warnings.warn(f"the attribute `{name}` of {on} elements is left out: {reason}", stacklevel=6)
+        return
     array = np.asarray(array)
     if array.ndim == 3 and on == "corner":
         array = array.reshape(-1, array.shape[2])
