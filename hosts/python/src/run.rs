@@ -77,7 +77,12 @@ impl Finished {
             host.with(|session| session.write(&found, &only, &folder, &token))
         });
         let (written, problems) = done.inspect_err(|_| cancel.cancel())?;
-        let written = Json::Array(written.iter().map(Written::to_json).collect());
-        Ok((plain::from_json(py, &written)?, plain::problems(py, &problems)?))
+        let described = Json::Array(written.iter().map(Written::to_json).collect());
+        let described = plain::from_json(py, &described)?;
+        for (file, description) in written.iter().zip(described.try_iter()?) {
+            // JSON has no paths that are not UTF-8.
+            description?.set_item("path", file.path.as_os_str())?;
+        }
+        Ok((described, plain::problems(py, &problems)?))
     }
 }

@@ -117,12 +117,18 @@ impl Value {
 
     /// Writes these files to where `path` is, and gives their paths, and what they cannot tell of it.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<(Vec<PathBuf>, Vec<String>)> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = path.file_name().unwrap_or_default().to_str().map(str::to_owned);
+        let name = name.ok_or_else(|| {
+            let path = path.display();
+            PyValueError::new_err(format!("{path}: expected a file name in UTF-8; rename the file"))
+        })?;
         let (files, doubts) = self.written(py, name)?;
         let paths = py.detach(|| maquette::save(files, &path)).map_err(|error| {
             match error.system_code() {
                 // The class of the error follows from its code.
-                Some(code) => PyOSError::new_err((code, error.to_string())),
+                Some(code) => {
+                    PyOSError::new_err((code, error.to_string(), error.path.into_os_string()))
+                }
                 None => PyOSError::new_err(error.to_string()),
             }
         })?;

@@ -95,3 +95,25 @@ def test_errors_of_files_are_those_of_python(tmp_path: pathlib.Path, monkeypatch
     with pytest.raises(ValueError, match="ply"):
         (tmp_path / "bad.ply").write_text("ply\nrubbish")
         maquette.read(tmp_path / "bad.ply")
+    with pytest.raises(OSError) as refused:
+        mesh.save("/proc/it.ply")
+    assert refused.value.errno in (errno.EACCES, errno.ENOENT, errno.EPERM, errno.EROFS) and refused.value.filename == "/proc/it.ply"
+
+
+def test_names_that_are_not_utf_8_are_kept_or_refused(tmp_path: pathlib.Path) -> None:
+    odd = os.fsdecode(b"caf\xe9")
+    with pytest.raises(ValueError, match="UTF-8"):
+        MESHES["closed"].save(tmp_path / f"{odd}.ply")
+    (tmp_path / odd).mkdir()
+    (path,) = MESHES["closed"].save(tmp_path / odd / "it.ply")
+    assert os.path.exists(path)
+    text = 'Graph(format: 1, nodes: {"b": Primitive(shape: Box(size: (1, 1, 1)))}, outputs: {"b.ply": "b"})'
+    graph = maquette.load("a.ron", text=text, cache=None)
+    (file,) = graph.run().write(tmp_path / odd)
+    assert os.path.exists(file.path) and odd in file.path
+
+
+def test_flags_that_a_file_does_not_hold_are_named() -> None:
+    mesh = maquette.Mesh(V, F, seen=[True, False, True, True])
+    for ending in ENDINGS:
+        assert any("`seen`" in it for it in told(lambda: mesh.to_bytes(ending))) == (ending != "ply"), ending

@@ -1,7 +1,9 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::error::Error as _;
 use std::fs::{self, File};
+use std::io;
 use std::mem::take;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
@@ -526,7 +528,11 @@ impl SaveError {
     /// The code of the system's error, if the system refused it.
     pub fn system_code(&self) -> Option<i32> {
         match &self.why {
-            Refused::System(error) => error.raw_os_error(),
+            Refused::System(error) => error.raw_os_error().or_else(|| {
+                // An error of a temporary file has the error of the system as its source.
+                let source = error.source()?.downcast_ref::<io::Error>()?;
+                source.raw_os_error()
+            }),
             Refused::ReadOnly => Some(ACCESS_DENIED),
             _ => None,
         }
