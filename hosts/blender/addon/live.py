@@ -134,8 +134,17 @@ def state(owner: bpy.types.Object) -> State:
 
 
 def objects() -> list[bpy.types.Object]:
-    """All live objects but those of other files: these show what was computed there."""
-    return [it for it in everything() if not it.library and not it.override_library]
+    """All live objects but those of other files, which show what was computed there, and those that are in no scene."""
+    found = everything()
+    return [it for it in found if not it.library and not it.override_library and _is_used(it, found)]
+
+
+def _is_used(owner: bpy.types.Object, others: list[bpy.types.Object]) -> bool:
+    """Returns True if an object is in a scene, at an input of another one, or in a collection that has instances."""
+    if owner.users_scene or any(its.object == owner for other in others if other != owner for its in other.maquette.inputs):
+        return True
+    instances = (it.instance_collection for it in bpy.data.objects if it.instance_type == "COLLECTION")
+    return any(it and it.all_objects.get(owner.name) == owner for it in instances)
 
 
 def everything() -> list[bpy.types.Object]:
@@ -424,6 +433,10 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     it.run, it.progress = None, None
     owner = found(uid)
     if owner is None or states.get(uid) is not it or answer.get("replaced"):
+        return
+    if answer.get("cancelled") and owner not in objects():
+        # Computed again if it comes back into a scene.
+        it.answered = None
         return
     if answer.get("cancelled"):
         # By a later value, which comes with the next tick, or by the user.

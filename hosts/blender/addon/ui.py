@@ -37,7 +37,7 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
     filename_ext = ".ron"
     filter_glob: bpy.props.StringProperty(default="*.ron", options={"HIDDEN"})  # type: ignore[valid-type]
     # What was dropped last is not what is added next.
-    filepath: bpy.props.StringProperty(name="File Path", subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    filepath: bpy.props.StringProperty(name="File Path", subtype="FILE_PATH", options={"SKIP_SAVE", *engine.RELATIVE})  # type: ignore[valid-type]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Asks for the file, if none was dropped."""
@@ -50,6 +50,8 @@ class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
         if not pathlib.Path(path).is_file():
             self.report({"ERROR"}, f"there is no file {path}")
             return {"CANCELLED"}
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
         live.place(live.add(paths.chosen(path), context), context)
         return {"FINISHED"}
 

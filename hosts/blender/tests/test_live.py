@@ -384,6 +384,38 @@ def test_the_run_of_an_object_that_is_deleted_ends_and_an_undo_begins_it_again(e
     until(lambda: settled(bpy.data.objects["slow"]))
 
 
+def test_the_run_of_an_object_that_is_in_no_scene_ends_and_begins_again_in_one(empty: Any, folder: pathlib.Path) -> None:
+    (folder / "slow.ron").write_text(SLOW)
+    live, scene = module("live"), bpy.context.scene.collection
+    owner = live.add(str(folder / "slow.ron"), bpy.context)
+    until(lambda: owner.maquette.shown and settled(owner))
+    it = live.state(owner)
+    owner["maquette levels"], owner["maquette faces"] = 4, 1000 + time.time_ns() % 50000
+    until(lambda: it.run is not None)
+    for collection in owner.users_collection:
+        collection.objects.unlink(owner)
+    until(lambda: it.run is None, 10)
+    assert owner not in live.objects()
+    other = live.add(str(folder / "doll.ron"), bpy.context)
+    until(lambda: other.maquette.shown and settled(other))
+    # In a collection that has an instance it is seen.
+    collection, instance = bpy.data.collections.new("kept"), bpy.data.objects.new("instance", None)
+    collection.objects.link(owner)
+    assert owner not in live.objects()
+    instance.instance_type, instance.instance_collection = "COLLECTION", collection
+    scene.objects.link(instance)
+    assert owner in live.objects()
+    until(lambda: settled(owner))
+
+
+def test_a_graph_is_added_in_edit_mode(empty: Any, folder: pathlib.Path) -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert bpy.ops.maquette.add(filepath=str(folder / "doll.ron")) == {"FINISHED"}
+    assert cube.mode == "OBJECT" and bpy.context.object.name == "doll"
+
+
 def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_few_copies(doll: bpy.types.Object) -> None:
     apply, live = module("apply"), module("live")
     spent: dict[str, list[float]] = {"whole": [], "moved": [], "copied": []}
