@@ -82,6 +82,7 @@ impl FileFormat for MeshGlb {
         coarse_mesh(mesh)
             .into_iter()
             .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(left_out::flags_of_mesh(mesh))
             .chain(left_out::of_materials(mesh, looks::says_nothing_more))
             .chain(looks::rounded(mesh))
             .collect()

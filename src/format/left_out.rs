@@ -6,13 +6,33 @@ use maquette_node::DataKind::*;
 use maquette_node::{DataKind, Fidelities, Fidelity};
 use maquette_value::{Attribute, Attributes, MATERIAL, MapKind, Material, Mesh, Points};
 
+/// Flags that nodes set for other nodes: no loss in a file.
+const MARKS: [&str; 3] = ["filled", "fixed", "folded"];
+
+/// A warning that names the flags of a mesh, which its file does not hold although it holds other attributes.
+pub(super) fn flags_of_mesh(mesh: &Mesh) -> Option<String> {
+    let domains = [(mesh.vertex(), "vertices"), (mesh.corner(), "corners")];
+    let mut lost = Vec::new();
+    for (attributes, domain) in domains {
+        let flags = attributes.iter().filter(|(_, it)| matches!(it, Attribute::Flag(_)));
+        let names = flags.map(|(name, _)| name.to_owned());
+        let names: Vec<String> = names.filter(|name| !MARKS.contains(&&name[..])).collect();
+        if !names.is_empty() {
+            lost.push(format!("{} of {domain}", quoted(&names)));
+        }
+    }
+    warning(&lost)
+}
+
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
 /// loss: whoever reads the file computes them.
 pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
     let is_lost = |kind: DataKind| !held.iter().any(|(listed, _)| *listed == kind);
     let lost_of = |attributes: &Attributes, color, uv: Option<DataKind>, other| {
-        // Flags are marks of nodes for other nodes.
-        let seen = attributes.iter().filter(|(_, it)| !matches!(it, Attribute::Flag(_)));
+        let is_mark = |name: &str, attribute: &Attribute| {
+            MARKS.contains(&name) && matches!(attribute, Attribute::Flag(_))
+        };
+        let seen = attributes.iter().filter(|(name, attribute)| !is_mark(name, attribute));
         let names = seen.map(|(name, _)| name.to_owned());
         let is_left_out = |name: &String| match &name[..] {
             "normal" => false,
@@ -121,6 +141,17 @@ mod tests {
         let all = "`heat` of vertices, `part` of faces and creases";
         assert_eq!(of_mesh(&mesh, held), told(all));
         assert_eq!(of_mesh(&mesh, fidelity::PLY), told("creases"));
+        let flags = |name: &str| {
+            let mesh = Mesh::new(places.to_vec(), Faces::triangles(vec![[0, 1, 2]])).unwrap();
+            mesh.with_vertex(name, Attribute::Flag(vec![1; 3].into())).unwrap()
+        };
+        assert_eq!(of_mesh(&flags("seen"), held), told("`seen` of vertices"));
+        assert_eq!(flags_of_mesh(&flags("seen")), told("`seen` of vertices"));
+        assert_eq!(of_mesh(&flags("seen"), fidelity::PLY), None);
+        assert_eq!(
+            (of_mesh(&flags("filled"), held), flags_of_mesh(&flags("filled"))),
+            (None, None)
+        );
         let points = Points::new(places.to_vec()).unwrap();
         assert_eq!(of_points(&points, &["color"]), None);
         let points = points.with_attribute("ring", Attribute::Index(vec![1, 2, 3].into())).unwrap();

@@ -116,7 +116,7 @@ impl MaterialMessage {
         let seen = |map: &Map| -> Result<Image, String> {
             let picture = picture_file::read(&map.bytes);
             let picture = picture.map_err(|error| format!("{}: {error}", map.file))?;
-            Ok(picture.times([red, green, blue]))
+            Ok(picture.multiply([red, green, blue]))
         };
         Ok(Material {
             name: self.name.clone(),
