@@ -310,6 +310,10 @@ impl Server {
             ("initialized", _) => self.register(),
             ("textDocument/didOpen", Some(uri)) => {
                 if let Some(text) = document["text"].as_str() {
+                    let path = path_of(&uri).map(|path| real(&path));
+                    if self.is_large(text) && path.is_some_and(|path| is_ours(&path, text)) {
+                        self.show_large(&uri, text.len());
+                    }
                     self.put(uri, version, text.to_owned());
                 }
             }
@@ -462,6 +466,19 @@ impl Server {
         *text = document.text.clone();
         let lines = Lines::new(text, self.client.columns);
         Some(Subject { path, uri: uri.clone(), lines, options: self.options() })
+    }
+
+    /// Shows why a large file has diagnostics only.
+    fn show_large(&self, uri: &Uri, bytes: usize) {
+        let message = format!(
+            "{} has {} kB: only errors and warnings are reported; `largeFiles` (`maquette.largeFiles`) raises the limit of {} kB",
+            path_of(uri).unwrap_or_default().display(),
+            bytes / 1_000,
+            self.choices.large_files
+        );
+        let params = json!({ "type": 3, "message": message });
+        let method = "window/showMessage".to_owned();
+        let _ = self.sender.send(Notification { method, params }.into());
     }
 
     /// Whether only the problems of a text are told.

@@ -395,6 +395,18 @@ fn settings_that_are_not_named_stay() {
 }
 
 #[test]
+fn a_large_file_has_a_message_that_names_the_setting() {
+    let place = face();
+    let path = place.path("face.ron");
+    let mut editor = Editor::that_can(&place.cache, json!({}), json!({ "largeFiles": 1 }));
+    editor.open(&path, &format!("{FACE}// {}\n", "x".repeat(2_000)));
+    editor.ask("textDocument/codeLens", json!({ "textDocument": { "uri": uri(&path) } }));
+    let message = editor.heard.iter().find(|it| it.0 == "window/showMessage");
+    let message = message.expect("a message").1["message"].as_str().unwrap();
+    assert!(message.contains("face.ron") && message.contains("`maquette.largeFiles`"), "{message}");
+}
+
+#[test]
 fn one_file_under_two_names_has_its_problems_under_both() {
     let place = face();
     let link = place.folder.parent().unwrap().join("link");
