@@ -168,7 +168,8 @@ impl Graph {
         let files =
             self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
         let ports = self.ports.iter().map(|port| (&port.name[..], port.node, port.output));
-        let ports = ports.filter(|_| !self.inputs.is_empty());
+        // A graph with the section `inputs`, even an empty one, has values in place of files.
+        let ports = ports.filter(|_| self.outputs.is_empty());
         let kind = |(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]);
         files.chain(ports).map(kind)
     }

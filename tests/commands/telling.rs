@@ -307,7 +307,10 @@ fn a_graph_without_outputs_has_nothing_to_do() {
     let folder = folder(&[("a.ron", "Graph(format: 1, nodes: {}, outputs: {})")]);
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert!(output.status.success());
-    expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout(&output));
+    expect![[r#"
+        nothing to do: the graph writes no files (with a section `inputs`, its outputs are values for other graphs)
+    "#]]
+    .assert_eq(&stdout(&output));
 }
 
 /// An open mesh as a file for printers, and one that is too far away for single numbers.

@@ -301,3 +301,11 @@ def test_doubts_of_a_reader_are_warnings(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ValueError, match="broken.obj"):
         (tmp_path / "broken.obj").write_text("v a b c\n")
         maquette.read(tmp_path / "broken.obj")
+
+
+def test_a_graph_with_an_empty_section_of_inputs_gives_its_outputs() -> None:
+    text = 'Graph(format: 1, inputs: {}, nodes: {"b": Primitive(shape: Box(size: (1, 1, 1)))}, outputs: {"o": "b"})'
+    graph = maquette.load("a.ron", text=text, cache=None)
+    assert list(graph.outputs) == ["o"]
+    for run in (graph.run(), graph.run(inputs={}), graph.run("o")):
+        assert len(run["o"].vertices) == 8
