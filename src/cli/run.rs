@@ -222,10 +222,7 @@ impl Run {
             let _ = writeln!(text, "{word} {path}  {bytes}");
         }
         let _ = match traces.len() {
-            0 => writeln!(
-                text,
-                "nothing to do: the graph writes no files (with a section `inputs`, its outputs are values for other graphs)"
-            ),
+            0 => writeln!(text, "nothing to do: the graph has no outputs"),
             nodes => {
                 let counts = counts(&trace);
                 writeln!(text, "{}: {counts}; {seconds:.2} s", counted(nodes, "node"))

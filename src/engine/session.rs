@@ -286,7 +286,7 @@ impl Session {
     /// # Errors
     /// If an input gets a value of another type, or a value is for no input.
     pub fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
-        if inputs.is_empty() && graph.inputs().is_empty() {
+        if inputs.is_empty() && graph.inputs().is_empty() && !graph.is_function() {
             return Ok(graph.clone());
         }
         graph.with_inputs(inputs, &self.catalog)

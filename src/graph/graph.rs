@@ -168,10 +168,14 @@ impl Graph {
         let files =
             self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
         let ports = self.ports.iter().map(|port| (&port.name[..], port.node, port.output));
-        // A graph with the section `inputs`, even an empty one, has values in place of files.
-        let ports = ports.filter(|_| self.outputs.is_empty());
+        let ports = ports.filter(|_| self.is_function());
         let kind = |(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]);
         files.chain(ports).map(kind)
+    }
+
+    /// Returns true if the graph has the section `inputs`, even an empty one: its outputs are values in place of files.
+    pub fn is_function(&self) -> bool {
+        self.outputs.is_empty() && !self.ports.is_empty()
     }
 
     /// A value for a parameter of this name as RON, as [`Options::set`] takes it: words are choices, texts or colors, and lists are vectors,

@@ -307,10 +307,23 @@ fn a_graph_without_outputs_has_nothing_to_do() {
     let folder = folder(&[("a.ron", "Graph(format: 1, nodes: {}, outputs: {})")]);
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert!(output.status.success());
-    expect![[r#"
-        nothing to do: the graph writes no files (with a section `inputs`, its outputs are values for other graphs)
-    "#]]
-    .assert_eq(&stdout(&output));
+    expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout(&output));
+}
+
+#[test]
+fn a_graph_with_an_empty_section_of_inputs_writes_its_outputs() {
+    let text = r#"Graph(
+        format: 1,
+        inputs: {},
+        nodes: { "box": Primitive(shape: Box(size: (1, 1, 1))) },
+        outputs: { "solid": "box" },
+    )"#;
+    let folder = folder(&[("a.ron", text)]);
+    let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
+    assert!(
+        output.status.success() && folder.path().join("out/a/solid.ply").exists(),
+        "{output:?}"
+    );
 }
 
 /// An open mesh as a file for printers, and one that is too far away for single numbers.

@@ -431,8 +431,10 @@ def _told(it: State, event: dict[str, Any]) -> None:
 
 def _answered(uid: int, it: State, answer: Answer) -> None:
     it.run, it.progress = None, None
+    if states.get(uid) is not it or answer.get("replaced"):
+        return
     owner = found(uid)
-    if owner is None or states.get(uid) is not it or answer.get("replaced"):
+    if owner is None:
         return
     if answer.get("cancelled") and owner not in objects():
         # Computed again if it comes back into a scene.

@@ -405,7 +405,9 @@ def test_the_run_of_an_object_that_is_in_no_scene_ends_and_begins_again_in_one(e
     instance.instance_type, instance.instance_collection = "COLLECTION", collection
     scene.objects.link(instance)
     assert owner in live.objects()
-    until(lambda: settled(owner))
+    until(lambda: it.run is not None)
+    bpy.data.objects.remove(owner)
+    until(lambda: it.run is None, 10)
 
 
 def test_a_graph_is_added_in_edit_mode(empty: Any, folder: pathlib.Path) -> None:

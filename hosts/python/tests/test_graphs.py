@@ -109,7 +109,7 @@ def test_an_input_of_another_type_is_a_problem_and_no_panic() -> None:
     assert [problem.code for problem in wrong.value.problems] == ["G012"]
     with pytest.raises(maquette.GraphError):
         smooth.run()
-    with pytest.raises(KeyError, match="cage"):
+    with pytest.raises(maquette.GraphError, match="its inputs: cage"):
         smooth.run(inputs={"mesh": CORNERS})
     with pytest.raises(TypeError, match="vertices and faces"):
         smooth.run(inputs={"cage": CORNERS})

@@ -31,7 +31,7 @@ impl Session {
         graph: &Graph,
         inputs: &KnownInputs,
     ) -> Result<Graph, Vec<Problem>> {
-        if inputs.is_empty() && graph.inputs().is_empty() {
+        if inputs.is_empty() && graph.inputs().is_empty() && !graph.is_function() {
             return Ok(graph.clone());
         }
         graph.with_known_inputs(inputs, &self.catalog)

@@ -1,7 +1,6 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::error::Error as _;
 use std::fs::{self, File};
 use std::io;
 use std::mem::take;
@@ -512,6 +511,20 @@ pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, SaveError>
     }
 }
 
+/// Returns the POSIX code of an error of a temporary file, which has a kind alone.
+fn code_of(kind: io::ErrorKind) -> Option<i32> {
+    Some(match kind {
+        io::ErrorKind::NotFound => 2,
+        io::ErrorKind::PermissionDenied => ACCESS_DENIED,
+        io::ErrorKind::AlreadyExists => 17,
+        io::ErrorKind::NotADirectory => 20,
+        io::ErrorKind::IsADirectory => 21,
+        io::ErrorKind::StorageFull => 28,
+        io::ErrorKind::ReadOnlyFilesystem => 30,
+        _ => return None,
+    })
+}
+
 /// A file that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {why}", .path.display())]
@@ -528,11 +541,7 @@ impl SaveError {
     /// The code of the system's error, if the system refused it.
     pub fn system_code(&self) -> Option<i32> {
         match &self.why {
-            Refused::System(error) => error.raw_os_error().or_else(|| {
-                // An error of a temporary file has the error of the system as its source.
-                let source = error.source()?.downcast_ref::<io::Error>()?;
-                source.raw_os_error()
-            }),
+            Refused::System(error) => error.raw_os_error().or_else(|| code_of(error.kind())),
             Refused::ReadOnly => Some(ACCESS_DENIED),
             _ => None,
         }

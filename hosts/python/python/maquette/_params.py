@@ -104,11 +104,13 @@ def param_of(name: str, field: Dict[str, Any]) -> Param:
 
 def plain(name: str, value: Any) -> Any:
     """A value of NumPy or Python as a bool, number, text or list. Raises TypeError or ValueError with the parameter's name."""
-    if hasattr(value, "tolist"):
+    if hasattr(value, "tolist") and not isinstance(value, memoryview):
         size = getattr(value, "size", 0)
         if isinstance(size, int) and size > _MAX_NUMBERS:
             raise ValueError(f"`{name}` is an array of {size} numbers; expected at most {_MAX_NUMBERS}")
         value = value.tolist()
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        raise TypeError(f"`{name}` is a {type(value).__name__}; expected a bool, number, text or list")
     if isinstance(value, (tuple, list)):
         try:
             return [plain(name, item) for item in value]
@@ -117,8 +119,6 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, str):
         check_text(name, value)
         return value
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        raise TypeError(f"`{name}` is a {type(value).__name__}; expected a bool, number, text or list")
     if isinstance(value, bool) or isinstance(value, int) and abs(value) <= _MAX_INTEGER:
         return value
     try:
