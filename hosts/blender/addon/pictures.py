@@ -134,7 +134,9 @@ def _map(socket: Any, uv: str) -> dict[str, Any] | None:
         known = place.uv_map or uv
     elif place and (place.type, output) != ("TEX_COORD", "UV"):
         return None
-    return {**its, "image": node.image, "name": node.image.name, "wrap": [wrap, wrap], "uv": "uv" if known == uv else known}
+    # A name such as `wood.001` has no file extension.
+    name = bpy.path.basename(node.image.filepath) or node.image.name.replace(".", "_")
+    return {**its, "image": node.image, "name": name, "wrap": [wrap, wrap], "uv": "uv" if known == uv else known}
 
 
 def show(material: bpy.types.Material, shader: Any, name: str, kind: str, image: bpy.types.Image | None, its: dict[str, Any]) -> None:
