@@ -321,7 +321,7 @@ fn a_graph_with_an_empty_section_of_inputs_writes_its_outputs() {
     let folder = folder(&[("a.ron", text)]);
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert!(
-        output.status.success() && folder.path().join("out/a/solid.ply").exists(),
+        output.status.success() && folder.path().join("out/a/solid.glb").exists(),
         "{output:?}"
     );
 }
