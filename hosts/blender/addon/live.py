@@ -124,6 +124,10 @@ _looked = 0.0
 _live: list[bpy.types.Object] | None = None
 _counted, _count = 0.0, 0
 
+# The keys of live objects that are in no scene, and the number of the one that was looked at last.
+_unused: set[int] = set()
+_turn = 0
+
 # Seconds between two counts: Blender tells of most new objects, and to count thousands takes milliseconds.
 COUNT = 1.0
 
@@ -135,13 +139,27 @@ def state(owner: bpy.types.Object) -> State:
 
 def objects() -> list[bpy.types.Object]:
     """All live objects but those of other files, which show what was computed there, and those that are in no scene."""
-    found = everything()
-    return [it for it in found if not it.library and not it.override_library and _is_used(it, found)]
+    return [it for it in _own() if key(it) not in _unused]
+
+
+def _own() -> list[bpy.types.Object]:
+    return [it for it in everything() if not it.library and not it.override_library]
+
+
+def _look_at_scenes() -> None:
+    """Looks whether a live object is in a scene, another one each time: Blender searches all objects for it."""
+    global _turn
+    owners = _own()
+    if owners:
+        _turn = (_turn + 1) % len(owners)
+        (_unused.discard if _is_used(owners[_turn], owners) else _unused.add)(key(owners[_turn]))
 
 
 def _is_used(owner: bpy.types.Object, others: list[bpy.types.Object]) -> bool:
     """Returns True if an object is in a scene, at an input of another one, or in a collection that has instances."""
-    if owner.users_scene or any(its.object == owner for other in others if other != owner for its in other.maquette.inputs):
+    if any(scene.objects.get(owner.name) == owner for scene in bpy.data.scenes):
+        return True
+    if any(its.object == owner for other in others if other != owner for its in other.maquette.inputs):
         return True
     instances = (it.instance_collection for it in bpy.data.objects if it.instance_type == "COLLECTION")
     return any(it and it.all_objects.get(owner.name) == owner for it in instances)
@@ -235,6 +253,7 @@ def tick() -> None:
     looks = time.monotonic() - _looked > LOOK
     if looks:
         _looked = time.monotonic()
+        _look_at_scenes()
     owners = objects()
     for uid in states.keys() - {key(it) for it in owners}:
         # Nobody waits for the run of an object that was deleted, and those of others would wait behind it.

@@ -162,11 +162,41 @@ def _imported(context: Any, *_given: Any) -> None:
                 _move(it, it.folder, _here())
 
 
+class MAQUETTE_OT_make_paths(bpy.types.Operator):
+    """Makes the paths of all graphs relative to the Blender file, or absolute"""
+
+    bl_idname = "maquette.make_paths"
+    bl_label = "Make Graph Paths"
+    bl_options = {"UNDO"}
+    is_relative: bpy.props.BoolProperty(name="Relative", default=True)  # type: ignore[valid-type]
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        """Changes the paths of this file's objects and trees."""
+        here = _here()
+        if self.is_relative and not here:
+            self.report({"ERROR"}, "save the file first: paths are relative to its folder")
+            return {"CANCELLED"}
+        settle()
+        for it in _all():
+            if not it.owner.library:
+                it.text = relative(it.text, here) if self.is_relative else it.absolute(here)
+        return {"FINISHED"}
+
+
+def _menu(self: Any, _context: bpy.types.Context) -> None:
+    """Entries of File > External Data, whose own operators do not change paths of add-ons."""
+    self.layout.separator()
+    for word in ("Relative", "Absolute"):
+        self.layout.operator(MAQUETTE_OT_make_paths.bl_idname, text=f"Make Graph Paths {word}").is_relative = word == "Relative"
+
+
 HANDLERS = {"save_pre": _saving, "save_post": _saved, "save_post_fail": _saved, "load_post": _opened, "blend_import_post": _imported}
 
 
 def register() -> None:
     """Begins to look after paths."""
+    bpy.utils.register_class(MAQUETTE_OT_make_paths)
+    bpy.types.TOPBAR_MT_file_external_data.append(_menu)
     for name, handler in HANDLERS.items():
         if hasattr(bpy.app.handlers, name):
             getattr(bpy.app.handlers, name).append(handler)
@@ -176,6 +206,8 @@ def register() -> None:
 
 def unregister() -> None:
     """Looks after them no more."""
+    bpy.types.TOPBAR_MT_file_external_data.remove(_menu)
+    bpy.utils.unregister_class(MAQUETTE_OT_make_paths)
     engine.ticks.remove(settle)
     for name, handler in HANDLERS.items():
         if hasattr(bpy.app.handlers, name):

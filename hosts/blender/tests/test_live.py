@@ -395,17 +395,16 @@ def test_the_run_of_an_object_that_is_in_no_scene_ends_and_begins_again_in_one(e
     for collection in owner.users_collection:
         collection.objects.unlink(owner)
     until(lambda: it.run is None, 10)
-    assert owner not in live.objects()
+    until(lambda: owner not in live.objects())
     other = live.add(str(folder / "doll.ron"), bpy.context)
     until(lambda: other.maquette.shown and settled(other))
     # In a collection that has an instance it is seen.
     collection, instance = bpy.data.collections.new("kept"), bpy.data.objects.new("instance", None)
     collection.objects.link(owner)
-    assert owner not in live.objects()
+    until(lambda: owner not in live.objects())
     instance.instance_type, instance.instance_collection = "COLLECTION", collection
     scene.objects.link(instance)
-    assert owner in live.objects()
-    until(lambda: it.run is not None)
+    until(lambda: owner in live.objects() and it.run is not None)
     bpy.data.objects.remove(owner)
     until(lambda: it.run is None, 10)
 

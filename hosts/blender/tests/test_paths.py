@@ -124,3 +124,14 @@ def test_b7_the_first_save_makes_paths_relative_as_the_preferences_say(empty: An
         assert owner.maquette.graph == str(tmp_path / "box.ron")
     finally:
         filepaths.use_relative_paths = True
+
+
+def test_b7_paths_are_made_absolute_and_relative(saved: bpy.types.Object, tmp_path: pathlib.Path) -> None:
+    for is_relative, path in ((False, str(tmp_path / "a/box.ron")), (True, "//box.ron")):
+        assert bpy.ops.maquette.make_paths(is_relative=is_relative) == {"FINISHED"}
+        assert saved.maquette.graph == path and tree().maquette_graph == path
+        assert follows(saved)
+    bpy.ops.maquette.make_paths(is_relative=False)
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere.blend"))
+    assert saved.maquette.graph == str(tmp_path / "a/box.ron")
