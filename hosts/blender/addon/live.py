@@ -124,7 +124,7 @@ _looked = 0.0
 _live: list[bpy.types.Object] | None = None
 _counted, _count = 0.0, 0
 
-# The keys of live objects that are in no scene, and the number of the one that was looked at last.
+# Keys of live objects that are in no scene, and the index of the object that was checked last.
 _unused: set[int] = set()
 _turn = 0
 
@@ -147,12 +147,18 @@ def _own() -> list[bpy.types.Object]:
 
 
 def _look_at_scenes() -> None:
-    """Looks whether a live object is in a scene, another one each time: Blender searches all objects for it."""
+    """Checks the next live object in turn for being in a scene: Blender searches all objects of a scene for it."""
     global _turn
     owners = _own()
     if owners:
         _turn = (_turn + 1) % len(owners)
         (_unused.discard if _is_used(owners[_turn], owners) else _unused.add)(key(owners[_turn]))
+
+
+def find_linked_again() -> None:
+    """Checks the live objects that were in no scene again; usually there are none."""
+    owners = _own() if _unused else []
+    _unused.difference_update([key(it) for it in owners if key(it) in _unused and _is_used(it, owners)])
 
 
 def _is_used(owner: bpy.types.Object, others: list[bpy.types.Object]) -> bool:

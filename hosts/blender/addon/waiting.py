@@ -24,6 +24,7 @@ def update(timeout: float | None = None) -> None:
     `RuntimeError` says which objects cannot, and why; `TimeoutError` that `timeout` seconds were not enough. The objects keep their last meshes.
     """
     live.forget()
+    live.find_linked_again()
     for owner in live.objects():
         live.state(owner).frame = None
     bpy.context.view_layer.update()
@@ -35,6 +36,7 @@ def update(timeout: float | None = None) -> None:
 def wait(depsgraph: bpy.types.Depsgraph, timeout: float | None = None) -> dict[str, str]:
     """Waits until all live objects are as this graph says; returns why objects are not, by their names."""
     end = time.monotonic() + timeout if timeout is not None else float("inf")
+    live.find_linked_again()
     with engine.alone:
         for owner in live.objects():
             live.state(owner).unread = ""

@@ -409,6 +409,18 @@ def test_the_run_of_an_object_that_is_in_no_scene_ends_and_begins_again_in_one(e
     until(lambda: it.run is None, 10)
 
 
+def test_an_object_that_is_linked_again_is_waited_for(doll: bpy.types.Object) -> None:
+    live, scene = module("live"), bpy.context.scene.collection
+    for collection in doll.users_collection:
+        collection.objects.unlink(doll)
+    until(lambda: doll not in live.objects())
+    doll["maquette growth"] = 25.0
+    scene.objects.link(doll)
+    before = positions(doll)
+    module("waiting").update()
+    assert settled(doll) and not np.array_equal(before, positions(doll))
+
+
 def test_a_graph_is_added_in_edit_mode(empty: Any, folder: pathlib.Path) -> None:
     bpy.ops.mesh.primitive_cube_add()
     cube = bpy.context.object
