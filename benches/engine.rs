@@ -30,12 +30,17 @@ fn load(text: &str, packs: &[&Pack]) -> Graph {
 
 /// A chain of additions, of which this one adds another number.
 fn chain(changed: Option<(usize, u32)>) -> Graph {
-    let number = |k: usize| match changed {
-        Some((place, number)) if place == k => f64::from(number),
-        _ => 1.0,
-    };
-    let link = |k: usize| if k == 0 { String::new() } else { format!("to: \"n{}\", ", k - 1) };
-    let nodes = (0..CHAIN).map(|k| format!("\"n{k}\": Add({}number: {:?}),\n", link(k), number(k)));
+    fn number(k: usize, changed: &Option<(usize, u32)>) -> f64 {
+        match *changed {
+            Some((place, number)) if place == k => f64::from(number),
+            _ => 1.0,
+        }
+    }
+    fn link(k: usize) -> String {
+        if k == 0 { String::new() } else { format!("to: \"n{}\", ", k - 1) }
+    }
+    let nodes = (0..CHAIN)
+        .map(|k| format!("\"n{k}\": Add({}number: {:?}),\n", link(k), number(k, &changed)));
     let text =
         format!("Graph(format: 1, nodes: {{ {} }}, outputs: {{}})", String::from_iter(nodes));
     load(&text, &[&PACK])
@@ -76,7 +81,7 @@ fn chain_loaded_again_and_nothing_changed(bencher: Bencher<'_, '_>) {
 
 /// A new number each time, so that no result is in the cache.
 fn changed_at(bencher: Bencher<'_, '_>, place: usize) {
-    let graphs = Vec::from_iter((2..66).map(|number| chain(Some((place, number)))));
+    let graphs: Vec<_> = (2..66).map(|number| chain(Some((place, number)))).collect();
     let mut evaluator = evaluator();
     evaluate(&mut evaluator, &graphs[0]);
     let mut turn = 0;
@@ -100,7 +105,9 @@ fn chain_first_changed(bencher: Bencher<'_, '_>) {
 fn ring() -> String {
     const AROUND: usize = 60;
     const ACROSS: usize = 50;
-    let turn = |k: usize, of: usize| k as f64 / of as f64 * std::f64::consts::TAU;
+    fn turn(k: usize, of: usize) -> f64 {
+        k as f64 / of as f64 * std::f64::consts::TAU
+    }
     let mut text = String::new();
     for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
         let (a, b) = (turn(i, AROUND), turn(j, ACROSS));
@@ -108,7 +115,9 @@ fn ring() -> String {
         text +=
             &format!("v {} {} {}\n", radius * libm::cos(a), radius * libm::sin(a), libm::sin(b));
     }
-    let vertex = |i: usize, j: usize| i % AROUND * ACROSS + j % ACROSS + 1;
+    fn vertex(i: usize, j: usize) -> usize {
+        i % AROUND * ACROSS + j % ACROSS + 1
+    }
     for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
         let [a, b, c, d] =
             [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| vertex(i, j));
@@ -131,7 +140,7 @@ fn subdivided(step: u32) -> Graph {
 
 #[divan::bench(sample_count = 21, sample_size = 1)]
 fn cheap_behind_subdivision_changed(bencher: Bencher<'_, '_>) {
-    let graphs = Vec::from_iter((0..66).map(subdivided));
+    let graphs: Vec<_> = (0..66).map(subdivided).collect();
     let mut evaluator = evaluator();
     evaluator.evaluate_nodes(&graphs[0], &["moved"]);
     let mut turn = 0;

@@ -29,22 +29,46 @@ fn noise(k: usize) -> f64 {
 
 /// Points in the unit cube.
 fn cloud() -> Movable {
-    let point = |k: usize| Point3::new(noise(3 * k), noise(3 * k + 1), noise(3 * k + 2));
-    Movable::Points(Points::new((0..POINTS).map(point).collect::<Vec<_>>()).expect("finite points"))
+    Movable::Points(
+        Points::new(
+            (0..POINTS)
+                .map(|k: usize| Point3::new(noise(3 * k), noise(3 * k + 1), noise(3 * k + 2)))
+                .collect::<Vec<_>>(),
+        )
+        .expect("finite points"),
+    )
 }
 
 /// A sheet of as many vertices, with its normals.
 fn sheet() -> Movable {
     let side = 1000;
-    let place = |k: usize| k as f64 / (side - 1) as f64;
-    let vertex = |k: usize| Point3::new(place(k % side), place(k / side), 0.3);
-    let corner = |k: usize| (k / (side - 1) * side + k % (side - 1)) as u32;
+    fn place(k: usize, side: usize) -> f64 {
+        k as f64 / (side - 1) as f64
+    }
+    fn corner(k: usize, side: usize) -> u32 {
+        (k / (side - 1) * side + k % (side - 1)) as u32
+    }
     let down = side as u32;
-    let quad = |k: usize| [corner(k), corner(k) + 1, corner(k) + down + 1, corner(k) + down];
-    let corners: Vec<u32> = (0..(side - 1) * (side - 1)).flat_map(quad).collect();
+    let corners: Vec<u32> = (0..(side - 1) * (side - 1))
+        .flat_map(|k: usize| {
+            [
+                corner(k, side),
+                corner(k, side) + 1,
+                corner(k, side) + down + 1,
+                corner(k, side) + down,
+            ]
+        })
+        .collect();
     let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; POINTS].into());
     let mesh = Faces::uniform(4, corners)
-        .and_then(|faces| Mesh::new((0..POINTS).map(vertex).collect::<Vec<_>>(), faces))
+        .and_then(|faces| {
+            Mesh::new(
+                (0..POINTS)
+                    .map(|k: usize| Point3::new(place(k % side, side), place(k / side, side), 0.3))
+                    .collect::<Vec<_>>(),
+                faces,
+            )
+        })
         .and_then(|mesh| mesh.with_vertex("normal", normals));
     Movable::Mesh(mesh.expect("a sheet"))
 }
@@ -52,16 +76,19 @@ fn sheet() -> Movable {
 /// Handles in a jittered grid, with deviations of about `reach` cells.
 fn handles(grid: [usize; 3], reach: f64) -> Handles {
     let cells = Vector3::from(grid.map(|count| 1.0 / count as f64));
-    let handle = |k: usize| {
-        let place = [k % grid[0], k / grid[0] % grid[1], k / grid[0] / grid[1]];
-        let jitter = |axis: usize| 0.5 + 0.4 * (noise(8 * k + axis) - 0.5);
-        let at = [0, 1, 2].map(|axis| (place[axis] as f64 + jitter(axis)) * cells[axis]);
-        let to = [0, 1, 2].map(|axis| at[axis] + 0.04 * (noise(8 * k + 3 + axis) - 0.5));
-        let sigma = (reach + 0.2 * reach * noise(8 * k + 6)) * cells.mean();
-        Handle { at, to: Some(to), sigma: Some([sigma; 3]), weight: 0.5 + noise(8 * k + 7) }
-    };
     let count = grid.iter().product();
-    let all = (0..count).map(handle).collect::<Vec<_>>();
+    let all = (0..count)
+        .map(|k: usize| {
+            let place = [k % grid[0], k / grid[0] % grid[1], k / grid[0] / grid[1]];
+            fn jitter(axis: usize, k: usize) -> f64 {
+                0.5 + 0.4 * (noise(8 * k + axis) - 0.5)
+            }
+            let at = [0, 1, 2].map(|axis| (place[axis] as f64 + jitter(axis, k)) * cells[axis]);
+            let to = [0, 1, 2].map(|axis| at[axis] + 0.04 * (noise(8 * k + 3 + axis) - 0.5));
+            let sigma = (reach + 0.2 * reach * noise(8 * k + 6)) * cells.mean();
+            Handle { at, to: Some(to), sigma: Some([sigma; 3]), weight: 0.5 + noise(8 * k + 7) }
+        })
+        .collect::<Vec<_>>();
     Handles::new(HandleSpace::World, &all).expect("finite handles")
 }
 

@@ -16,19 +16,23 @@ fn main() {
 
 /// A wavy sheet of `width` x `height` points.
 fn points(width: usize, height: usize) -> Vec<Point3<f64>> {
-    let point = |k: usize| {
-        let [x, y] = [k % width, k / width].map(|k| k as f64);
-        Point3::new(x, y, 700.0 + 5.0 * libm::sin(0.1 * x) * libm::cos(0.07 * y))
-    };
-    (0..width * height).map(point).collect()
+    (0..width * height)
+        .map(|k: usize| {
+            let [x, y] = [k % width, k / width].map(|k| k as f64);
+            Point3::new(x, y, 700.0 + 5.0 * libm::sin(0.1 * x) * libm::cos(0.07 * y))
+        })
+        .collect()
 }
 
 /// One million triangles.
 fn mesh() -> Mesh {
     let (width, height) = (1001u32, 501u32);
     let quads = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
-    let halves = |a: u32| [[a, a + width, a + width + 1], [a, a + width + 1, a + 1]];
-    let faces = Faces::triangles(quads.flat_map(halves).collect());
+    let faces = Faces::triangles(
+        quads
+            .flat_map(|a: u32| [[a, a + width, a + width + 1], [a, a + width + 1, a + 1]])
+            .collect(),
+    );
     Mesh::new(points(width as usize, height as usize), faces).expect("a mesh")
 }
 

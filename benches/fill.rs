@@ -57,7 +57,9 @@ fn measure() {
     if words.iter().any(|word| word == "rough") {
         return roughness(&words);
     }
-    let wanted = |text: &str| words.is_empty() || words.iter().any(|word| text.contains(&word[..]));
+    fn wanted(text: &str, words: &[String]) -> bool {
+        words.is_empty() || words.iter().any(|word| text.contains(&word[..]))
+    }
     let peers = peers();
     let clean = cases();
     println!(
@@ -81,17 +83,17 @@ fn measure() {
         .collect();
     for case in clean.iter().chain(&noisy) {
         for (name, method) in methods() {
-            if wanted(&format!("{} {name}", case.name)) {
+            if wanted(&format!("{} {name}", case.name), &words) {
                 report(case, name, &method);
             }
         }
         for (name, command) in &peers {
-            if wanted(&format!("{} {name}", case.name)) {
+            if wanted(&format!("{} {name}", case.name), &words) {
                 fill_by(case, name, command);
             }
         }
     }
-    if wanted("model classes") {
+    if wanted("model classes", &words) {
         model_classes(&clean);
     }
 }
@@ -227,8 +229,10 @@ fn obj(mesh: &Mesh) -> String {
 /// The holed mesh filled by another program: `COMMAND IN OUT SKIP`, which prints milliseconds.
 fn fill_by(case: &Case, name: &str, command: &[OsString]) {
     let folder = std::env::temp_dir();
-    let named = |what: &str| folder.join(format!("fill_{}_{what}", std::process::id()));
-    let (input, output) = (named("in.txt"), named("out.obj"));
+    fn named(what: &str, folder: &Path) -> std::path::PathBuf {
+        folder.join(format!("fill_{}_{what}", std::process::id()))
+    }
+    let (input, output) = (named("in.txt", &folder), named("out.obj", &folder));
     let mesh = &case.holed;
     let mut text = format!("{} {}\n", mesh.positions().len(), mesh.faces().len());
     mesh.positions().iter().for_each(|p| {
@@ -326,14 +330,16 @@ fn roughness(words: &[String]) {
 
 /// A band along a wavy closed curve, whose inner border has so many edges.
 fn band(count: u32) -> Mesh {
-    let at = |k: u32, out: f64| {
+    fn at(k: u32, out: f64, count: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
         let radius = (1.0 + 0.2 * libm::sin(5.0 * angle) + 0.1 * libm::cos(11.0 * angle)) * out;
         let height = 0.2 * libm::sin(3.0 * angle) + 0.1 * libm::cos(7.0 * angle);
         Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), height)
-    };
-    let points: Vec<_> =
-        (0..count).map(|k| at(k, 1.02)).chain((0..count).map(|k| at(k, 1.0))).collect();
+    }
+    let points: Vec<_> = (0..count)
+        .map(|k| at(k, 1.02, count))
+        .chain((0..count).map(|k| at(k, 1.0, count)))
+        .collect();
     let faces = (0..count).flat_map(|k| {
         let next = (k + 1) % count;
         [[k, next, count + k], [next, count + next, count + k]]

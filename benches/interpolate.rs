@@ -26,7 +26,7 @@ mod peers;
 fn main() {
     // As wherever there is an evaluator.
     maquette::memory::keep_freed();
-    let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
+    let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let table = Table { words };
     println!("{:44} {:>9} {:>9} {:>7} {:>9}", "milliseconds", "median", "least", "bar", "peak MB");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
@@ -81,14 +81,13 @@ fn published(table: &Table) {
         let mut options = InterpolateOptions::default();
         (options.how.foot, options.how.solver) = (Foot::Closest, Solver::Plain);
         options.how.tolerance = 1e-5;
-        let run = || {
+        let name = format!("nearest feet: {scheme:?}, {} vertices", mesh.positions().len());
+        table.row(&name, bar, 5, || {
             let found = interpolate(&mesh, scheme, &options, &[], &Progress::none());
             let found = found.expect("a surface");
             assert!(found.settled, "the surface passes through the vertices");
             found.shape
-        };
-        let name = format!("nearest feet: {scheme:?}, {} vertices", mesh.positions().len());
-        table.row(&name, bar, 5, run);
+        });
     }
 }
 
@@ -128,10 +127,10 @@ fn fit(table: &Table) {
         [("scan to surface", &surface, points), ("surface to scan", &scan, surface.positions())]
     {
         let hits = TriangleTree::new(mesh).nearest_to_all(points).into_iter().flatten();
-        let mut distances = Vec::from_iter(hits.map(|hit| hit.distance_sq.sqrt()));
+        let mut distances: Vec<_> = hits.map(|hit| hit.distance_sq.sqrt()).collect();
         distances.sort_by(f64::total_cmp);
-        let part = |share: f64| distances[((distances.len() - 1) as f64 * share) as usize];
-        let [half, most, nearly, all] = [0.5, 0.95, 0.99, 1.0].map(part);
+        let [half, most, nearly, all] = [0.5, 0.95, 0.99, 1.0]
+            .map(|share: f64| distances[((distances.len() - 1) as f64 * share) as usize]);
         println!(
             "  {what}: 50 % within {half:.3} mm, 95 % {most:.3}, 99 % {nearly:.3}, all {all:.3}"
         );
@@ -146,7 +145,7 @@ fn edit(table: &Table) {
         let how = Subdivision { scheme, levels: 4, limit: false, boundary, creases, corners };
         let plan = Plan::new(&mesh, how).expect("a surface");
         let live = RefCell::new(plan.live(&mesh).expect("the plan's mesh"));
-        let changed = Vec::from_iter((100..110).map(|k| (k, mesh.positions()[k as usize])));
+        let changed: Vec<_> = (100..110).map(|k| (k, mesh.positions()[k as usize])).collect();
         let name = format!("edit: {scheme:?}, 10 control points, 4 steps");
         table.row(&name, None, 31, || live.borrow_mut().update(&changed));
         let name = format!("edit: {scheme:?}, all of them");
@@ -174,13 +173,15 @@ impl Table {
         let _ = std::fs::write("/proc/self/clear_refs", "5");
         drop(black_box(run()));
         let peak = memory("VmHWM") - before;
-        let mut times = Vec::from_iter((0..runs).map(|_| {
-            let start = Instant::now();
-            let result = black_box(run());
-            let time = 1e3 * start.elapsed().as_secs_f64();
-            drop(result);
-            time
-        }));
+        let mut times: Vec<_> = (0..runs)
+            .map(|_| {
+                let start = Instant::now();
+                let result = black_box(run());
+                let time = 1e3 * start.elapsed().as_secs_f64();
+                drop(result);
+                time
+            })
+            .collect();
         times.sort_by(f64::total_cmp);
         let bar = bar.map_or(String::new(), |bar| bar.to_string());
         let (median, least) = (times[runs / 2], times[0]);

@@ -79,7 +79,7 @@ impl Node for Dent {
         let mesh = cx.get(&self.mesh);
         let mut places = mesh.positions().to_vec();
         let first = places[0];
-        let far = Vec::from_iter(places.iter().map(|place| (place - first).norm_squared()));
+        let far: Vec<_> = places.iter().map(|place| (place - first).norm_squared()).collect();
         let count = (far.len() as f64 * self.share) as usize;
         let most = match count < far.len() {
             true => *far.clone().select_nth_unstable_by(count, f64::total_cmp).1,
@@ -223,19 +223,22 @@ fn followed(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] 
         }
     }
     let last = graph(13);
-    let hash = |evaluator: &mut Evaluator| {
-        evaluator.evaluate_nodes(&last, &[node]).find(&last, node, "").expect("a value").hash()
-    };
-    assert!(hash(&mut own) == hash(&mut evaluator()), "other bytes than without memory");
+    fn hash(evaluator: &mut Evaluator, last: &Graph, node: &str) -> maquette::Hash {
+        evaluator.evaluate_nodes(last, &[node]).find(last, node, "").expect("a value").hash()
+    }
+    assert!(
+        hash(&mut own, &last, node) == hash(&mut evaluator(), &last, node),
+        "other bytes than without memory"
+    );
     times.map(median)
 }
 
 /// Prints what nodes behind the skin take where some of its vertices move, and what blending takes where the nose grows.
 fn followers(path: &Path) {
-    let told = |node: &str, from: &str, graph: &dyn Fn(usize) -> Graph| {
+    fn told(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> String {
         let [followed, anew] = followed(node, from, graph);
         format!("{node} {followed:.1} ms ({anew:.1} ms)")
-    };
+    }
     println!("share dented   followed (anew)");
     for share in [0.001, 0.01, 0.1, 1.0] {
         let dented = |k: usize| load(path, &[("dent", share), ("depth", 0.01 * k as f64)]);
@@ -250,8 +253,8 @@ fn main() {
     let (_folder, path) = project();
     println!("local change of the doll, levels 4; two threads, medians of {SAMPLES}");
 
-    let grown = |k: usize| load(&path, &[("growth", 12.0 + k as f64)]);
-    let graphs = Vec::from_iter((0..=SAMPLES).map(grown));
+    let graphs: Vec<_> =
+        (0..=SAMPLES).map(|k: usize| load(&path, &[("growth", 12.0 + k as f64)])).collect();
     let mut own = evaluator();
     warm_up();
     let (time, nodes) = changes(&mut own, &graphs, "model");
@@ -267,8 +270,8 @@ fn main() {
 
     saved(&path);
 
-    let pulled = |k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)]);
-    let graphs = Vec::from_iter((0..=SAMPLES).map(pulled));
+    let graphs: Vec<_> =
+        (0..=SAMPLES).map(|k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)])).collect();
     warm_up();
     let (time, _) = changes(&mut own, &graphs, "pulled");
     let [skin, pulled] = ["skin", "pulled"].map(|node| mesh(&mut own, &graphs[SAMPLES], node));
@@ -282,8 +285,9 @@ fn main() {
         serde_json::from_value(serde_json::json!({ "scheme": Scheme::Loop, "levels": 4 }))
             .expect("parameters");
     for share in [0.001, 0.01, 0.03, 0.1, 0.3, 1.0] {
-        let pushed = |k: usize| load(&path, &[("share", share), ("by", 0.01 * k as f64)]);
-        let graphs = Vec::from_iter((0..=SAMPLES).map(pushed));
+        let graphs: Vec<_> = (0..=SAMPLES)
+            .map(|k: usize| load(&path, &[("share", share), ("by", 0.01 * k as f64)]))
+            .collect();
         let mut own = evaluator();
         warm_up();
         let (time, _) = changes(&mut own, &graphs, "model");
@@ -292,12 +296,14 @@ fn main() {
         drop(own);
         let plan = Plan::new(&pushed, how).expect("a surface");
         let evaluator = evaluator();
-        let anew = |_| {
-            let start = Instant::now();
-            let refined = evaluator.install(|| AnyValue::new(plan.apply(&pushed).expect("a mesh")));
-            (start.elapsed().as_secs_f64() * 1e3, refined.hash())
-        };
-        let anew = Vec::from_iter((0..SAMPLES).map(anew));
+        let anew: Vec<_> = (0..SAMPLES)
+            .map(|_| {
+                let start = Instant::now();
+                let refined =
+                    evaluator.install(|| AnyValue::new(plan.apply(&pushed).expect("a mesh")));
+                (start.elapsed().as_secs_f64() * 1e3, refined.hash())
+            })
+            .collect();
         assert!(anew[0].1 == AnyValue::new(skin).hash(), "other bytes than without memory");
         let anew = median(anew.iter().map(|(time, _)| *time).collect());
         println!("{:9.1} %   {time:5.1} ms   {anew:5.1} ms", share * 100.0);

@@ -69,12 +69,18 @@ impl Editor {
 fn main() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = std::fs::canonicalize(folder.path()).expect("a folder");
-    let write = |name: &str, text: &str| std::fs::write(root.join(name), text).expect("a file");
-    write("maquette.toml", "");
-    write("feature.ron", FEATURE);
-    write("ball.obj", "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+    fn write(name: &str, text: &str, root: &Path) {
+        std::fs::write(root.join(name), text).expect("a file")
+    }
+    write("maquette.toml", "", &root);
+    write("feature.ron", FEATURE, &root);
+    write(
+        "ball.obj",
+        "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+        &root,
+    );
     let text = graph();
-    write("graph.ron", &text);
+    write("graph.ron", &text, &root);
     let settings = Settings { cache: CacheFolder::At(root.join("cache")), ..Settings::default() };
     evaluate(&settings, &root.join("graph.ron"));
     let (connection, theirs) = Connection::memory();

@@ -21,12 +21,17 @@ fn noise(k: usize) -> f64 {
 }
 
 fn surface(degree: usize) -> Surface {
-    let point = |k: usize| Point3::new((k % NET) as f64, (k / NET) as f64, 5.0 * noise(k));
     let count = NET * NET;
     let weights = (0..count).map(|k| 0.5 + 1.5 * noise(k + count)).collect();
-    let net = ControlNet::new(NET, NET, (0..count).map(point).collect::<Vec<_>>())
-        .and_then(|net| net.with_weights(weights))
-        .expect("finite points and positive weights");
+    let net = ControlNet::new(
+        NET,
+        NET,
+        (0..count)
+            .map(|k: usize| Point3::new((k % NET) as f64, (k / NET) as f64, 5.0 * noise(k)))
+            .collect::<Vec<_>>(),
+    )
+    .and_then(|net| net.with_weights(weights))
+    .expect("finite points and positive weights");
     let knots = KnotVector::uniform(NET, degree + 1).expect("enough control points");
     Surface::new(net, knots.clone(), knots).expect("knots for the net")
 }

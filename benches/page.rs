@@ -37,9 +37,11 @@ use browser::Browser;
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 fn main() {
-    let wanted = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with("--")));
-    let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
-    if is_wanted("told") {
+    let wanted: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with("--")).collect();
+    fn is_wanted(name: &str, wanted: &[String]) -> bool {
+        wanted.is_empty() || wanted.iter().any(|word| word == name)
+    }
+    if is_wanted("told", &wanted) {
         told();
     }
     let Some(mut browser) = Browser::start() else { return };
@@ -50,7 +52,7 @@ fn main() {
         ("ten-million", ten_million),
         ("tabs", tabs),
     ] {
-        if is_wanted(name) {
+        if is_wanted(name, &wanted) {
             measure(&mut browser);
         }
     }
@@ -62,8 +64,14 @@ fn say(line: &str) {
 
 fn say_times(what: &str, mut times: Vec<f64>) {
     times.sort_by(f64::total_cmp);
-    let at = |share: usize| times[(times.len() - 1) * share / 100];
-    say(&format!("{what}: {:.0} ms in half, {:.0} ms in 95 of 100", at(50), at(95)));
+    fn at(share: usize, times: &[f64]) -> f64 {
+        times[(times.len() - 1) * share / 100]
+    }
+    say(&format!(
+        "{what}: {:.0} ms in half, {:.0} ms in 95 of 100",
+        at(50, &times),
+        at(95, &times)
+    ));
 }
 
 /// A wavy sheet of `side` x `side` points that a parameter turns.
@@ -177,18 +185,18 @@ fn slide(browser: &mut Browser, value: u32) -> f64 {
 
 /// 300 edits first, after which the page keeps as much as it may, and then 500. The program gets there a little later.
 fn memory(browser: &mut Browser, watch: &mut Watch) {
-    let held = |browser: &mut Browser| {
+    fn held(browser: &mut Browser) -> [f64; 2] {
         browser.call("HeapProfiler.collectGarbage", json!({}));
         let page = browser.call("Runtime.getHeapUsage", json!({}));
         ["usedSize", "backingStorageSize"].map(|part| page[part].as_f64().unwrap_or_default() / 1e6)
-    };
-    let edits = |browser: &mut Browser, watch: &mut Watch, from: usize, to: usize| {
+    }
+    fn edits(browser: &mut Browser, watch: &mut Watch, from: usize, to: usize) {
         for k in from..to {
             let before = drawn(browser);
             watch.save(&watch.with(100.0 + k as f64));
             next_drawn(browser, before);
         }
-    };
+    }
     edits(browser, watch, 0, 300);
     let (page, program) = (held(browser), watch.memory());
     edits(browser, watch, 300, 800);
@@ -258,8 +266,8 @@ fn told() {
     let mut page = Page::open(&watch);
     page.say(&json!({ "ask": "views", "views": [{ "node": "model", "output": "mesh" }] }));
     page.next_value();
-    let save = |_: &mut Page, k: u32| watch.save(&watch.with(13.0 + 0.5 * f64::from(k)));
-    let saves = page.times(save);
+    let saves =
+        page.times(|_: &mut Page, k: u32| watch.save(&watch.with(13.0 + 0.5 * f64::from(k))));
     say_times("another nose of 10.8 million triangles, from the save to the message", saves);
     let drags = page.times(|page, k| {
         let value = format!("{:.2}", 20.25 + 0.5 * f64::from(k));
@@ -291,11 +299,13 @@ fn ten_million(browser: &mut Browser) {
 
 fn tabs(browser: &mut Browser) {
     let watch = doll(1);
-    let tabs = Vec::from_iter((0..8).map(|_| {
-        let tab = browser.add_tab();
-        open(browser, &watch, "raised");
-        (tab, drawn(browser))
-    }));
+    let tabs: Vec<_> = (0..8)
+        .map(|_| {
+            let tab = browser.add_tab();
+            open(browser, &watch, "raised");
+            (tab, drawn(browser))
+        })
+        .collect();
     let saved = now();
     watch.save(&watch.with(14.0));
     let shown = tabs.iter().map(|(tab, before)| {
@@ -330,15 +340,16 @@ impl Page {
 
     /// Milliseconds from some changes to the next value.
     fn times(&mut self, change: impl Fn(&mut Self, u32)) -> Vec<f64> {
-        let time = |k| {
-            // So that nothing of the edit before is still being written.
-            std::thread::sleep(Duration::from_secs(1));
-            let start = now();
-            change(self, k);
-            self.next_value();
-            now() - start
-        };
-        Vec::from_iter((0..11).map(time))
+        (0..11)
+            .map(|k| {
+                // So that nothing of the edit before is still being written.
+                std::thread::sleep(Duration::from_secs(1));
+                let start = now();
+                change(self, k);
+                self.next_value();
+                now() - start
+            })
+            .collect::<Vec<_>>()
     }
 
     /// Waits for the next value.

@@ -15,14 +15,22 @@ fn main() {
 /// A wavy sheet.
 fn sheet() -> Mesh {
     let (width, height) = (1001_u32, 501_u32);
-    let point = |k: u32| {
-        let [x, y] = [k % width, k / width].map(f64::from);
-        Point3::new(x, y, 5.0 * libm::sin(0.1 * x) * libm::cos(0.07 * y))
-    };
     let quads = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
-    let halves = |a: u32| [[a, a + width, a + width + 1], [a, a + width + 1, a + 1]];
-    let faces = Faces::triangles(quads.flat_map(halves).collect());
-    Mesh::new((0..width * height).map(point).collect::<Vec<_>>(), faces).expect("a mesh")
+    let faces = Faces::triangles(
+        quads
+            .flat_map(|a: u32| [[a, a + width, a + width + 1], [a, a + width + 1, a + 1]])
+            .collect(),
+    );
+    Mesh::new(
+        (0..width * height)
+            .map(|k: u32| {
+                let [x, y] = [k % width, k / width].map(f64::from);
+                Point3::new(x, y, 5.0 * libm::sin(0.1 * x) * libm::cos(0.07 * y))
+            })
+            .collect::<Vec<_>>(),
+        faces,
+    )
+    .expect("a mesh")
 }
 
 /// A run whose only output is the sheet, on two threads.
@@ -44,8 +52,7 @@ fn ran(ending: &str) -> (Session, Finished) {
 
 fn write(bencher: Bencher<'_, '_>, ending: &str, is_told: bool) {
     let (session, finished) = ran(ending);
-    let empty = || tempfile::tempdir().expect("a folder");
-    bencher.with_inputs(empty).bench_local_refs(|folder| {
+    bencher.with_inputs(|| tempfile::tempdir().expect("a folder")).bench_local_refs(|folder| {
         let into = OutputFolder::new(Some(folder.path()), "sheet.ron".as_ref());
         let into = if is_told { into } else { into.without_provenance() };
         let (written, problems) = session.write(&finished, &[], &into, &CancelToken::default());

@@ -19,7 +19,7 @@ use nalgebra::{Point3, Vector3};
 fn main() {
     // As wherever there is an evaluator.
     maquette::memory::keep_freed();
-    let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
+    let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     println!("{:44} {:>9} {:>9} {:>9} {:>9}", "milliseconds", "median", "least", "vertices", "off");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     pool.install(|| {
@@ -39,15 +39,19 @@ fn main() {
 
 fn row(name: &str, runs: usize, points: &Points) {
     let sources = [Scattered::Points(points.clone())];
-    let run = || reconstruct(&sources, Poses::Auto, &Options::default(), &Progress::none());
-    let mesh = run().expect("a skin");
-    let mut times = Vec::from_iter((0..runs).map(|_| {
-        let start = Instant::now();
-        let result = black_box(run());
-        let time = 1e3 * start.elapsed().as_secs_f64();
-        drop(result);
-        time
-    }));
+    fn run(sources: &[Scattered; 1]) -> Result<Mesh, maquette_nodes::mesh::ReconstructError> {
+        reconstruct(sources, Poses::Auto, &Options::default(), &Progress::none())
+    }
+    let mesh = run(&sources).expect("a skin");
+    let mut times: Vec<_> = (0..runs)
+        .map(|_| {
+            let start = Instant::now();
+            let result = black_box(run(&sources));
+            let time = 1e3 * start.elapsed().as_secs_f64();
+            drop(result);
+            time
+        })
+        .collect();
     times.sort_by(f64::total_cmp);
     let area = 4.0 * std::f64::consts::PI * std::f64::consts::PI * ROUND * TUBE;
     let off = off(&mesh) / (area / points.positions().len() as f64).sqrt();
@@ -60,10 +64,10 @@ const ROUND: f64 = 40.0;
 const TUBE: f64 = 15.0;
 
 fn off(mesh: &Mesh) -> f64 {
-    let off = |point: &Point3<f64>| {
+    fn off(point: &Point3<f64>) -> f64 {
         let out = (point.x * point.x + point.z * point.z).sqrt() - ROUND;
         (out * out + point.y * point.y).sqrt() - TUBE
-    };
+    }
     let squares: f64 = mesh.positions().iter().map(|point| off(point) * off(point)).sum();
     (squares / mesh.positions().len() as f64).sqrt()
 }

@@ -24,8 +24,15 @@ static PICTURE: LazyLock<Image> = LazyLock::new(|| {
     let mut random = Random(1);
     let mut levels = ground(&mut random);
     (0..6000).for_each(|_| paint_blob(&mut levels, &mut random));
-    let pixel = |level: &[f64; 3]| -> Rgb { level.map(|x| x.round().clamp(0.0, 255.0) as u8) };
-    Image::new(SIZE, SIZE, Vec::from_iter(levels.iter().map(pixel))).expect("a full picture")
+    Image::new(
+        SIZE,
+        SIZE,
+        levels
+            .iter()
+            .map(|level| -> Rgb { level.map(|x| x.round().clamp(0.0, 255.0) as u8) })
+            .collect::<Vec<_>>(),
+    )
+    .expect("a full picture")
 });
 
 /// The same without color.
@@ -149,7 +156,7 @@ fn edges_by_sobel(bencher: Bencher<'_, '_>) {
 #[divan::bench]
 fn thin_edges_of_a_small_picture(bencher: Bencher<'_, '_>) {
     let row = |row: usize| PICTURE.pixels()[row * SIZE..][..400].iter().copied();
-    let pixels = Vec::from_iter((0..400).flat_map(row));
+    let pixels: Vec<_> = (0..400).flat_map(row).collect();
     let picture = Picture::Image(Image::new(400, 400, pixels).expect("a full picture"));
     let (mask, magnitude) =
         edges(&picture, None, Operator::Sobel, 1.0, High::default(), 0.4).expect("no mask to fit");

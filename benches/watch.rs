@@ -133,9 +133,15 @@ fn latency(watch: &mut Watch) {
 
 fn percentiles(what: &str, mut times: Vec<Duration>) {
     times.sort_unstable();
-    let at = |share: usize| times[times.len() * share / 100].as_secs_f64() * 1e3;
+    fn at(share: usize, times: &[Duration]) -> f64 {
+        times[times.len() * share / 100].as_secs_f64() * 1e3
+    }
     let most = times.last().map_or(0.0, Duration::as_secs_f64) * 1e3;
-    say(&format!("{what:<38} p50 {:6.1} ms  p95 {:6.1} ms  most {most:6.1} ms", at(50), at(95)));
+    say(&format!(
+        "{what:<38} p50 {:6.1} ms  p95 {:6.1} ms  most {most:6.1} ms",
+        at(50, &times),
+        at(95, &times)
+    ));
 }
 
 fn comments(watch: &mut Watch) {

@@ -85,10 +85,13 @@ fn range_of(file: &Path) -> Result<RangeImage, Box<dyn Error>> {
 fn noisy(range: &RangeImage, seed: u64) -> Result<RangeImage, Box<dyn Error>> {
     let mut random = Random(seed);
     // The sum of twelve numbers from 0 to 1 is nearly normal, with a deviation of 1.
-    let mut normal = || (0..12).map(|_| random.even()).sum::<f64>() - 6.0;
+    fn normal(random: &mut Random) -> f64 {
+        (0..12).map(|_| random.even()).sum::<f64>() - 6.0
+    }
     let points = range.points().iter().map(|point| {
         let distance = point.coords.norm();
-        let factor = if distance > 0.0 { 1.0 + NOISE * normal() / distance } else { 1.0 };
+        let factor =
+            if distance > 0.0 { 1.0 + NOISE * normal(&mut random) / distance } else { 1.0 };
         (point.coords * factor).into()
     });
     Ok(range.with_points(points.collect())?)

@@ -93,7 +93,7 @@ fn the_filling_of_a_large_range_hole() {
 fn a_fit_by_many_rounds() {
     let rows = (0..60).map(|row| {
         let point = |column: i32| format!("({column}, {row}, {})", (row * column) % 7);
-        format!("[{}]", Vec::from_iter((0..60).map(point)).join(", "))
+        format!("[{}]", (0..60).map(point).collect::<Vec<_>>().join(", "))
     });
     let nodes = format!(
         "\"points\": PointNet(points: [{}]),

@@ -198,7 +198,7 @@ const LARGE: [&str; 27] = [
 #[test]
 fn nodes_need_about_as_much_as_they_say() {
     let _alone = alone();
-    let texts = Vec::from_iter(LARGE.iter().map(|nodes| graph_of(nodes)));
+    let texts: Vec<_> = LARGE.iter().map(|nodes| graph_of(nodes)).collect();
     let mut kinds = BTreeSet::new();
     for text in texts {
         for (kind, said, took) in measured(&text) {

@@ -34,11 +34,13 @@ pub(crate) fn cases() -> Vec<Case> {
         ("holes/rugged_mountain", "ply"),
         ("doll/holes", "ply"),
     ] {
-        let read = |what: &str| {
+        fn read(what: &str, folder: &Path, name: &str, file: &str) -> Option<Mesh> {
             let bytes = std::fs::read(folder.join(name).join(format!("{what}.{file}"))).ok()?;
             read_mesh(&bytes, file).ok()
-        };
-        if let (Some(holed), Some(truth)) = (read("holed"), read("truth")) {
+        }
+        if let (Some(holed), Some(truth)) =
+            (read("holed", &folder, name, file), read("truth", &folder, name, file))
+        {
             let edge = mean_edge(&holed);
             cases.push(Case { name: name.to_owned(), holed, truth, edge });
         } else {
@@ -46,11 +48,11 @@ pub(crate) fn cases() -> Vec<Case> {
         }
     }
     for (file, seed, rings) in CUT {
-        let read = || {
+        fn read(folder: &Path, file: &str) -> Option<Mesh> {
             let bytes = std::fs::read(folder.join(file)).ok()?;
             read_mesh(&bytes, file.rsplit('.').next()?).ok()
-        };
-        match read() {
+        }
+        match read(&folder, file) {
             Some(mesh) => cases.push(cut(file, &mesh, seed, rings)),
             None => println!("skipped: {file} is not in {}", folder.display()),
         }
@@ -87,16 +89,21 @@ fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
 /// A sphere with curls: ridges that wind. What is cut out is as rough as what is around it, which is not so everywhere.
 fn wool() -> Case {
     let (directions, faces) = geodesic(45);
-    let curl = |v: &Vector3<f64>| {
-        let x = v.x + 0.11 * libm::sin(6.0 * v.y + 1.0) + 0.07 * libm::sin(11.0 * v.z - 4.0 * v.y);
-        let y = v.y + 0.11 * libm::sin(7.0 * v.z + 2.0) + 0.07 * libm::sin(10.0 * v.x + 3.0 * v.z);
-        let z = v.z + 0.11 * libm::sin(5.0 * v.x - 1.0) + 0.07 * libm::sin(12.0 * v.y - 5.0 * v.x);
-        let wave = libm::sin(13.0 * x + 9.0 * y)
-            + libm::sin(15.0 * y - 8.0 * z + 1.0)
-            + libm::sin(14.0 * z + 10.0 * x - 2.0);
-        (v * (1.0 + 0.06 * libm::cos(2.0 * wave))).into()
-    };
-    let points: Vec<Point3<f64>> = directions.iter().map(curl).collect();
+    let points: Vec<Point3<f64>> = directions
+        .iter()
+        .map(|v| {
+            let x =
+                v.x + 0.11 * libm::sin(6.0 * v.y + 1.0) + 0.07 * libm::sin(11.0 * v.z - 4.0 * v.y);
+            let y =
+                v.y + 0.11 * libm::sin(7.0 * v.z + 2.0) + 0.07 * libm::sin(10.0 * v.x + 3.0 * v.z);
+            let z =
+                v.z + 0.11 * libm::sin(5.0 * v.x - 1.0) + 0.07 * libm::sin(12.0 * v.y - 5.0 * v.x);
+            let wave = libm::sin(13.0 * x + 9.0 * y)
+                + libm::sin(15.0 * y - 8.0 * z + 1.0)
+                + libm::sin(14.0 * z + 10.0 * x - 2.0);
+            (v * (1.0 + 0.06 * libm::cos(2.0 * wave))).into()
+        })
+        .collect();
     let mesh = Mesh::new(points, Faces::triangles(faces)).expect("a sphere");
     cut("wool", &mesh, 14_300, 10)
 }
@@ -115,15 +122,17 @@ fn terrain() -> Case {
             [cosine * tau / length, sine * tau / length, tau * phase, height]
         })
         .collect();
-    let point = |k: u32| {
-        let (x, y) = (f64::from(k % side), f64::from(k / side));
-        let high = waves.iter().map(|[u, v, phase, high]| high * libm::sin(u * x + v * y + phase));
-        Point3::new(x, y, high.sum())
-    };
     let corners =
         (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| row * side + column));
     let faces = corners.flat_map(|k| [[k, k + 1, k + side + 1], [k, k + side + 1, k + side]]);
-    let points: Vec<_> = (0..side * side).map(point).collect();
+    let points: Vec<_> = (0..side * side)
+        .map(|k: u32| {
+            let (x, y) = (f64::from(k % side), f64::from(k / side));
+            let high =
+                waves.iter().map(|[u, v, phase, high]| high * libm::sin(u * x + v * y + phase));
+            Point3::new(x, y, high.sum())
+        })
+        .collect();
     let mesh = Mesh::new(points, Faces::triangles(faces.collect())).expect("a square");
     cut("terrain", &mesh, side * 55 + 62, 11)
 }
@@ -131,29 +140,34 @@ fn terrain() -> Case {
 /// An egg with grooves, some five edges apart, that run along it like hair.
 fn fur() -> Case {
     let (directions, faces) = geodesic(40);
-    let hair = |v: &Vector3<f64>| {
-        let across = 46.0 * v.x
-            + 2.5 * libm::sin(3.0 * v.y + 1.0)
-            + 1.5 * libm::sin(7.0 * v.y - 2.0 * v.z)
-            + 0.8 * libm::sin(17.0 * v.z + 5.0 * v.x);
-        let high = 0.012 * (1.0 + 0.4 * libm::sin(9.0 * v.y + 4.0 * v.x)) * libm::sin(across);
-        let egg = Vector3::new(v.x, 1.5 * v.y, v.z);
-        Point3::from(egg * (1.0 + high))
-    };
-    let points: Vec<Point3<f64>> = directions.iter().map(hair).collect();
+    let points: Vec<Point3<f64>> = directions
+        .iter()
+        .map(|v| {
+            let across = 46.0 * v.x
+                + 2.5 * libm::sin(3.0 * v.y + 1.0)
+                + 1.5 * libm::sin(7.0 * v.y - 2.0 * v.z)
+                + 0.8 * libm::sin(17.0 * v.z + 5.0 * v.x);
+            let high = 0.012 * (1.0 + 0.4 * libm::sin(9.0 * v.y + 4.0 * v.x)) * libm::sin(across);
+            let egg = Vector3::new(v.x, 1.5 * v.y, v.z);
+            Point3::from(egg * (1.0 + high))
+        })
+        .collect();
     let mesh = Mesh::new(points, Faces::triangles(faces)).expect("an egg");
-    let front = |&vertex: &u32| {
-        let toward = directions[vertex as usize].dot(&Vector3::new(0.1, 0.2, 1.0));
-        (toward * 1e9) as i64
-    };
-    let seed = (0..directions.len() as u32).max_by_key(front).expect("vertices");
+    let seed = (0..directions.len() as u32)
+        .max_by_key(|&vertex| {
+            let toward = directions[vertex as usize].dot(&Vector3::new(0.1, 0.2, 1.0));
+            (toward * 1e9) as i64
+        })
+        .expect("vertices");
     cut("fur", &mesh, seed, 10)
 }
 
 fn mean_edge(mesh: &Mesh) -> f64 {
     let edges = mesh.edges().vertices;
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let sum: f64 = edges.iter().map(|&[a, b]| (place(a) - place(b)).norm()).sum();
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    let sum: f64 = edges.iter().map(|&[a, b]| (place(a, mesh) - place(b, mesh)).norm()).sum();
     sum / edges.len() as f64
 }
 
@@ -164,7 +178,9 @@ fn noise(seed: u64) -> f64 {
 
 /// The data moved along its normals; `share` of the mean edge is one sigma.
 pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
-    let gauss = |k: u64| (0..12).map(|i| noise(12 * k + i)).sum::<f64>() - 6.0;
+    fn gauss(k: u64) -> f64 {
+        (0..12).map(|i| noise(12 * k + i)).sum::<f64>() - 6.0
+    }
     let normals = case.holed.vertex_normals();
     let points = case.holed.positions().iter().zip(normals).zip(1u64..);
     let moved = points.map(|((point, normal), k)| point + normal * (share * case.edge * gauss(k)));
@@ -179,12 +195,14 @@ pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
     let axis = Vector3::new(0.48, 0.6, 0.64);
     let across = axis.cross(&Vector3::x()).normalize();
     let other = axis.cross(&across);
-    let is_gone = |v: &Vector3<f64>| {
-        let angle = libm::atan2(v.dot(&other), v.dot(&across));
-        let polar = libm::acos(v.dot(&axis).clamp(-1.0, 1.0));
-        polar < 0.445 + 0.03 * libm::sin(5.0 * angle) + 0.015 * libm::cos(11.0 * angle)
-    };
-    let gone: Vec<bool> = directions.iter().map(is_gone).collect();
+    let gone: Vec<bool> = directions
+        .iter()
+        .map(|v| {
+            let angle = libm::atan2(v.dot(&other), v.dot(&across));
+            let polar = libm::acos(v.dot(&axis).clamp(-1.0, 1.0));
+            polar < 0.445 + 0.03 * libm::sin(5.0 * angle) + 0.015 * libm::cos(11.0 * angle)
+        })
+        .collect();
     let points = directions.iter().map(|&v| (v * bump(v)).into()).collect();
     let (holed, truth) = without(points, &faces, &gone);
     let edge = mean_edge(&holed);
@@ -201,8 +219,11 @@ fn broken_nut(sides: u32) -> Case {
 
 /// A mesh without some vertices, and the whole one with these at the end.
 fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
-    let keeps = |face: &&[u32; 3]| face.iter().all(|&vertex| !gone[vertex as usize]);
-    let mut kept: Vec<[u32; 3]> = faces.iter().filter(keeps).copied().collect();
+    let mut kept: Vec<[u32; 3]> = faces
+        .iter()
+        .filter(|face| face.iter().all(|&vertex| !gone[vertex as usize]))
+        .copied()
+        .collect();
     loop {
         // A vertex with two ways along the border is a bow tie.
         let border =
@@ -217,7 +238,9 @@ fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh
         if kept.len() == before {
             // Nor may a loose crumb be left in the hole, all of whose vertices are at the border.
             let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
-            let holds = |held: &[bool], face: &[u32; 3]| face.iter().any(|&v| held[v as usize]);
+            fn holds(held: &[bool], face: &[u32; 3]) -> bool {
+                face.iter().any(|&v| held[v as usize])
+            }
             loop {
                 let before = is_held.iter().filter(|&&held| held).count();
                 for face in kept.iter() {
@@ -240,14 +263,15 @@ fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh
     let order: Vec<usize> = data.iter().chain(&lost).copied().collect();
     let mut numbers = vec![0u32; order.len()];
     (0..).zip(&order).for_each(|(number, &vertex)| numbers[vertex] = number);
-    let renumber = |faces: &[[u32; 3]]| {
+    fn renumber(faces: &[[u32; 3]], numbers: &[u32]) -> Faces {
         Faces::triangles(
             faces.iter().map(|face| face.map(|vertex| numbers[vertex as usize])).collect(),
         )
-    };
+    }
     let points: Vec<Point3<f64>> = order.iter().map(|&k| points[k]).collect();
-    let holed = Mesh::new(points[..data.len()].to_vec(), renumber(&kept)).expect("a surface");
-    let truth = Mesh::new(points, renumber(faces)).expect("a surface");
+    let holed =
+        Mesh::new(points[..data.len()].to_vec(), renumber(&kept, &numbers)).expect("a surface");
+    let truth = Mesh::new(points, renumber(faces, &numbers)).expect("a surface");
     (holed, truth)
 }
 

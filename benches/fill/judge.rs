@@ -30,21 +30,25 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     let (data, kept) = (case.holed.positions().len(), case.holed.faces().len());
     let there = TriangleTree::new(&case.truth);
     let (samples, weights) = samples(filled, kept);
-    let squares = |tree: &TriangleTree, points: &[Point3<f64>]| -> Vec<f64> {
+    fn squares(tree: &TriangleTree, points: &[Point3<f64>]) -> Vec<f64> {
         tree.nearest_to_all(points).into_iter().flatten().map(|place| place.distance_sq).collect()
-    };
+    }
     let distances = squares(&there, &samples);
     let sum: f64 = distances.iter().zip(&weights).map(|(d, w)| d * w).sum();
-    let most = |squares: &[f64]| squares.iter().copied().fold(0.0, f64::max).sqrt() / case.edge;
+    fn most(squares: &[f64], case_edge: f64) -> f64 {
+        squares.iter().copied().fold(0.0, f64::max).sqrt() / case_edge
+    }
     let back = squares(&TriangleTree::new(filled), &case.truth.positions()[data..]);
-    let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
+    fn open(mesh: &Mesh) -> usize {
+        mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
+    }
     // To fill no hole only checks whether the mesh is a surface.
     let no_hole = HoleChoice::Loops(Vec::new());
     Verdict {
         rms: (sum / weights.iter().sum::<f64>()).sqrt() / case.edge,
-        most: most(&distances),
+        most: most(&distances, case.edge),
         back_rms: (back.iter().sum::<f64>() / back.len() as f64).sqrt() / case.edge,
-        back_most: most(&back),
+        back_most: most(&back, case.edge),
         open: open(filled),
         added: filled.positions().len() - data,
         is_tight: open(filled) == open(&case.truth),
@@ -67,16 +71,17 @@ pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     let data = case.holed.positions().len();
     let new = |vertex: usize| data <= vertex;
     let around = neighborhood(case);
-    let measure = |mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool| Character {
-        roughness: roughness(mesh, is_in),
-        bends: bends(mesh, is_in, touches),
-    };
+    fn measure(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> Character {
+        Character { roughness: roughness(mesh, is_in), bends: bends(mesh, is_in, touches) }
+    }
     let [own, there] = [filled, &case.truth].map(|mesh| measure(mesh, &new, true));
     let near = measure(&case.truth, &|vertex| around[vertex], false);
-    let over = |a: &Character, b: &Character| Character {
-        roughness: a.roughness / b.roughness,
-        bends: std::array::from_fn(|k| a.bends[k] / b.bends[k]),
-    };
+    fn over(a: &Character, b: &Character) -> Character {
+        Character {
+            roughness: a.roughness / b.roughness,
+            bends: std::array::from_fn(|k| a.bends[k] / b.bends[k]),
+        }
+    }
     [over(&own, &there), over(&own, &near), over(&there, &near)]
 }
 
@@ -84,13 +89,13 @@ pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
 fn neighborhood(case: &Case) -> Vec<bool> {
     let data = case.holed.positions().len();
     let edges = case.truth.edges().vertices;
-    let steps = |from: &dyn Fn(usize) -> bool| {
-        let mut steps: Vec<usize> = (0..case.truth.positions().len())
+    fn steps(from: &dyn Fn(usize) -> bool, edges: &[[u32; 2]], case_truth: &Mesh) -> Vec<usize> {
+        let mut steps: Vec<usize> = (0..case_truth.positions().len())
             .map(|v| if from(v) { 0 } else { usize::MAX })
             .collect();
         for ring in 0.. {
             let before = steps.clone();
-            for &[a, b] in &edges {
+            for &[a, b] in edges {
                 for [a, b] in [[a, b], [b, a]].map(|ends| ends.map(|end| end as usize)) {
                     if before[a] == ring && before[b] == usize::MAX {
                         steps[b] = ring + 1;
@@ -102,9 +107,9 @@ fn neighborhood(case: &Case) -> Vec<bool> {
             }
         }
         steps
-    };
-    let depth = steps(&|vertex| vertex < data).into_iter().max().unwrap_or(0);
-    let out = steps(&|vertex| data <= vertex);
+    }
+    let depth = steps(&|vertex| vertex < data, &edges, &case.truth).into_iter().max().unwrap_or(0);
+    let out = steps(&|vertex| data <= vertex, &edges, &case.truth);
     out.into_iter().map(|ring| 0 < ring && ring <= 2 * depth).collect()
 }
 
@@ -136,18 +141,22 @@ fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
 /// Of the faces with all vertices in a part, or, if they need but touch it, with one.
 fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] {
     let mut sides: Vec<([u32; 2], Vector3<f64>)> = Vec::new();
-    let counts = |face: &&[u32]| {
+    for face in mesh.faces().iter().filter(|face| {
         let mut within = face.iter().map(|&vertex| is_in(vertex as usize));
         if touches { within.any(|is| is) } else { within.all(|is| is) }
-    };
-    for face in mesh.faces().iter().filter(counts) {
+    }) {
         let normal = mesh.area_vector(face).normalize();
-        let ends = |k: usize| [face[k], face[(k + 1) % face.len()]];
-        sides.extend((0..face.len()).map(ends).map(|[a, b]| ([a.min(b), a.max(b)], normal)));
+        sides.extend(
+            (0..face.len())
+                .map(|k: usize| [face[k], face[(k + 1) % face.len()]])
+                .map(|[a, b]| ([a.min(b), a.max(b)], normal)),
+        );
     }
     sides.sort_by_key(|side| side.0);
     let pairs = sides.windows(2).filter(|pair| pair[0].0 == pair[1].0);
-    let angle = |a: Vector3<f64>, b: Vector3<f64>| libm::atan2(a.cross(&b).norm(), a.dot(&b));
+    fn angle(a: Vector3<f64>, b: Vector3<f64>) -> f64 {
+        libm::atan2(a.cross(&b).norm(), a.dot(&b))
+    }
     let mut angles: Vec<f64> = pairs.map(|pair| angle(pair[0].1, pair[1].1)).collect();
     angles.sort_by(f64::total_cmp);
     [0.1, 0.25, 0.5, 0.75, 0.9].map(|share| angles[(share * angles.len() as f64) as usize])

@@ -36,7 +36,7 @@ use maquette_nodes::subdivision::{
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 fn main() {
-    let arguments = Vec::from_iter(std::env::args().skip(1));
+    let arguments: Vec<_> = std::env::args().skip(1).collect();
     let [work, folder] = &arguments[..] else {
         println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
         return;
@@ -52,8 +52,10 @@ fn repeat(work: &str, folder: &Path) {
     match work {
         "segment" => {
             let image = image(folder, "seg_rgb", |&color| color);
-            let run = || label(&red(&image), Connectivity::Eight);
-            serve(run, |labels| labels.statistics().len() as f64);
+            serve(
+                || label(&red(&image), Connectivity::Eight),
+                |labels| labels.statistics().len() as f64,
+            );
         }
         "edges" => edges_above(folder, High::Level(25.0)),
         "edges-percentile" => edges_above(folder, High::Percentile(90.0)),
@@ -68,30 +70,40 @@ fn repeat(work: &str, folder: &Path) {
         "fill" => {
             let mesh = mesh(folder, "hole");
             let (holes, method) = (HoleChoice::All, FillMethod::ThinPlate);
-            let run = || fill_holes(&mesh, &holes, &method, &Progress::none()).expect("a hole");
             // No border is left.
-            let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
-            serve(run, |filled| open(&filled.mesh) as f64);
+            fn open(mesh: &Mesh) -> usize {
+                mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
+            }
+            serve(
+                || fill_holes(&mesh, &holes, &method, &Progress::none()).expect("a hole"),
+                |filled| open(&filled.mesh) as f64,
+            );
         }
         "union" => {
             let [ball, other] = ["ball", "other"].map(|name| mesh(folder, name));
-            let run = || boolean(&ball, &[&other], Operation::Union, &Progress::none());
-            serve(|| run().expect("two solids"), |united| united.faces().len() as f64);
+            fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette_nodes::solid::BooleanError> {
+                boolean(ball, &[other], Operation::Union, &Progress::none())
+            }
+            serve(|| run(&ball, &other).expect("two solids"), |united| united.faces().len() as f64);
         }
         "align" => aligned(folder),
         "unwrap" => {
             let mesh = mesh(folder, "bumpy");
             let layout = Layout::default();
-            let run = || lay_out(&mesh, &layout, &Progress::none()).expect("a layout");
-            serve(run, |laid| laid.charts as f64);
+            serve(
+                || lay_out(&mesh, &layout, &Progress::none()).expect("a layout"),
+                |laid| laid.charts as f64,
+            );
         }
         "reconstruct" => reconstructed(folder, "cloud", false),
         "reconstruct-normals" => reconstructed(folder, "cloud", true),
         "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),
         "remesh" => {
             let mesh = mesh(folder, "clean");
-            let run = || remesh(&mesh, EVEN_LENGTH, 40.0, &Progress::none()).expect("a surface");
-            serve(run, |mesh| mesh.faces().len() as f64);
+            serve(
+                || remesh(&mesh, EVEN_LENGTH, 40.0, &Progress::none()).expect("a surface"),
+                |mesh| mesh.faces().len() as f64,
+            );
         }
         "simplify" => coarse(&mesh(folder, "clean")),
         "simplify-texture" => {
@@ -101,12 +113,14 @@ fn repeat(work: &str, folder: &Path) {
         }
         "outliers" => {
             let (_, places) = open::<[f64; 3]>(folder, "scattered");
-            let points = Points::new(Vec::from_iter(places.into_iter().map(Point3::from)));
+            let points = Points::new(places.into_iter().map(Point3::from).collect::<Vec<_>>());
             let scan = Scan::Points(points.expect("finite places"));
             let by = Outliers::Spread { neighbors: 20, ratio: 2.0 };
-            let run = || outliers(&scan, by, &Progress::none()).expect("points");
             // The sum of the places of those that stay, so that they are the same ones.
-            serve(run, |apart| (0..apart.len()).filter(|&k| !apart[k]).map(|k| k as f64).sum());
+            serve(
+                || outliers(&scan, by, &Progress::none()).expect("points"),
+                |apart| (0..apart.len()).filter(|&k| !apart[k]).map(|k| k as f64).sum(),
+            );
         }
         "read-pcd" => {
             let bytes = read(&folder.join("grid.pcd"));
@@ -137,8 +151,10 @@ const EVEN_LENGTH: f64 = 0.06;
 /// A tenth of the faces.
 fn coarse(mesh: &Mesh) {
     let target = mesh.faces().len() / 10;
-    let run = || simplify(mesh, target, &Progress::none()).expect("a surface");
-    serve(run, |mesh| mesh.faces().len() as f64);
+    serve(
+        || simplify(mesh, target, &Progress::none()).expect("a surface"),
+        |mesh| mesh.faces().len() as f64,
+    );
 }
 
 /// Does the work whenever a line comes in.
@@ -168,18 +184,20 @@ fn red(image: &Image) -> maquette::value::Mask {
 /// The thresholds of the peers, 100 and 200, are for the sums of Sobel's operator, which are eight times the levels per pixel.
 fn edges_above(folder: &Path, high: High) {
     let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
-    let run = || edges(&gray, None, Operator::Sobel, 0.0, high, 0.5).expect("no mask to fit");
-    serve(run, |(mask, _)| mask.count() as f64);
+    serve(
+        || edges(&gray, None, Operator::Sobel, 0.0, high, 0.5).expect("no mask to fit"),
+        |(mask, _)| mask.count() as f64,
+    );
 }
 
 /// Without a hint, on two threads; the check is how far the second scan is from where Stanford's `bun.conf` puts it, in mm.
 fn aligned(folder: &Path) {
-    let scan = |name: &str| {
+    fn scan(name: &str, folder: &Path) -> Scan {
         let bytes = read(&folder.join(name));
         let (range, _) = read_range(&bytes, "ply", None, Unit::M, Axes::YUp).expect("a grid");
         Scan::RangeImage(range)
-    };
-    let (front, side) = (scan("bun000.ply"), scan("bun045.ply"));
+    }
+    let (front, side) = (scan("bun000.ply", folder), scan("bun045.ply", folder));
     // The file's quaternion turns the other way; ours have y down and z away from the sensor.
     let turn = Quaternion::new(0.955586, -0.00548449, 0.294635, 0.0038555);
     let truth = Isometry3::from_parts(
@@ -188,14 +206,23 @@ fn aligned(folder: &Path) {
     );
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let truth = (over * truth * over).to_homogeneous();
-    let run = || align(&side, &front, &By::Features, &|_| (), &Progress::none()).expect("a place");
-    serve(run, |alignment| {
-        let motion = alignment.motion(2).expect("two scans");
-        let places = || side.places().iter().filter(|place| !place.x.is_nan());
-        let off = |place| motion.transform_point(place) - truth.transform_point(place);
-        (places().map(|place| off(place).norm_squared()).sum::<f64>() / places().count() as f64)
-            .sqrt()
-    });
+    serve(
+        || align(&side, &front, &By::Features, &|_| (), &Progress::none()).expect("a place"),
+        |alignment| {
+            let motion = alignment.motion(2).expect("two scans");
+            let places = || side.places().iter().filter(|place| !place.x.is_nan());
+            fn off(
+                place: &Point3<f64>,
+                motion: &nalgebra::Matrix4<f64>,
+                truth: &nalgebra::Matrix4<f64>,
+            ) -> Vector3<f64> {
+                motion.transform_point(place) - truth.transform_point(place)
+            }
+            (places().map(|place| off(place, &motion, &truth).norm_squared()).sum::<f64>()
+                / places().count() as f64)
+                .sqrt()
+        },
+    );
 }
 
 /// Parameters along each side of the grid.
@@ -203,14 +230,15 @@ const GRID: usize = 2000;
 
 fn points(folder: &Path, degree: usize) {
     let (surface, at) = (surface(folder, degree), parameters());
-    let run = || surface.grid(&at, &at);
-    serve(run, |points| points.iter().map(|point| point.coords.sum()).sum());
+    serve(|| surface.grid(&at, &at), |points| points.iter().map(|point| point.coords.sum()).sum());
 }
 
 fn points_and_normals(folder: &Path, degree: usize) {
     let (surface, at) = (surface(folder, degree), parameters());
-    let run = || surface.normal_grid(&at, &at);
-    serve(run, |(_, normals)| normals.iter().map(|normal| normal.sum()).sum());
+    serve(
+        || surface.normal_grid(&at, &at),
+        |(_, normals)| normals.iter().map(|normal| normal.sum()).sum(),
+    );
 }
 
 fn parameters() -> Vec<f64> {
@@ -220,16 +248,21 @@ fn parameters() -> Vec<f64> {
 fn surface(folder: &Path, degree: usize) -> Surface {
     let (shape, points) = open::<[f64; 3]>(folder, "nurbs_pts");
     let (_, weights) = open::<[f64; 1]>(folder, "nurbs_w");
-    let points = Vec::from_iter(points.into_iter().map(Point3::from));
-    let knots = |count: usize| {
+    let points: Vec<_> = points.into_iter().map(Point3::from).collect();
+    fn knots(count: usize, degree: usize) -> KnotVector {
         let inner = count - degree;
-        let knot = |k: usize| k.saturating_sub(degree).min(inner) as f64 / inner as f64;
-        KnotVector::new(degree, (0..count + degree + 1).map(knot).collect()).expect("knots")
-    };
+        KnotVector::new(
+            degree,
+            (0..count + degree + 1)
+                .map(|k: usize| k.saturating_sub(degree).min(inner) as f64 / inner as f64)
+                .collect(),
+        )
+        .expect("knots")
+    }
     let net = ControlNet::new(shape[0], shape[1], points)
         .and_then(|net| net.with_weights(weights.into_iter().map(|[weight]| weight).collect()))
         .expect("finite points and positive weights");
-    Surface::new(net, knots(shape[0]), knots(shape[1])).expect("knots for the net")
+    Surface::new(net, knots(shape[0], degree), knots(shape[1], degree)).expect("knots for the net")
 }
 
 /// Four steps to some 1.5 million faces.
@@ -273,7 +306,7 @@ fn mesh(folder: &Path, name: &str) -> Mesh {
     let (_, points) = open::<[f64; 3]>(folder, &format!("{name}_v"));
     let (shape, corners) = open::<[u32; 1]>(folder, &format!("{name}_f"));
     let faces = Faces::uniform(shape[1], corners.into_flattened()).expect("whole faces");
-    Mesh::new(Vec::from_iter(points.into_iter().map(Point3::from)), faces).expect("a mesh")
+    Mesh::new(points.into_iter().map(Point3::from).collect::<Vec<_>>(), faces).expect("a mesh")
 }
 
 fn squares(mesh: &Mesh) -> f64 {
@@ -286,12 +319,14 @@ const NARROW: f64 = 1.0 / 3.0;
 fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
     let (what, handles) = (cloud(folder), handles(folder, count, narrower));
     let how = Deforming { accuracy, ..Deforming::default() };
-    let run = || {
-        ffd(&what, &handles, Mode::default(), how, &Progress::none())
-            .expect("a well conditioned layout")
-            .0
-    };
-    serve(run, sum);
+    serve(
+        || {
+            ffd(&what, &handles, Mode::default(), how, &Progress::none())
+                .expect("a well conditioned layout")
+                .0
+        },
+        sum,
+    );
 }
 
 /// The 22nd handle, by a little more than its own move.
@@ -305,14 +340,14 @@ fn drag(folder: &Path) {
 
 fn cloud(folder: &Path) -> Movable {
     let (_, points) = open::<[f64; 3]>(folder, "ffd_pts");
-    let points = Vec::from_iter(points.into_iter().map(Point3::from));
+    let points: Vec<_> = points.into_iter().map(Point3::from).collect();
     Movable::Points(Points::new(points).expect("finite points"))
 }
 
 /// A skin of points, with or without their normals.
 fn reconstructed(folder: &Path, name: &str, with_normals: bool) {
     let (_, places) = open::<[f64; 3]>(folder, name);
-    let points = Points::new(Vec::from_iter(places.into_iter().map(Point3::from)));
+    let points = Points::new(places.into_iter().map(Point3::from).collect::<Vec<_>>());
     let mut points = points.expect("finite places");
     if with_normals {
         let (_, normals) = open::<[f64; 3]>(folder, "cloud_normals");
@@ -321,22 +356,37 @@ fn reconstructed(folder: &Path, name: &str, with_normals: bool) {
     }
     let sources = [Scattered::Points(points)];
     let options = maquette_nodes::mesh::Options::default();
-    let run = || reconstruct(&sources, Poses::Auto, &options, &Progress::none()).expect("a skin");
-    serve(run, |mesh| mesh.faces().len() as f64);
+    serve(
+        || reconstruct(&sources, Poses::Auto, &options, &Progress::none()).expect("a skin"),
+        |mesh| mesh.faces().len() as f64,
+    );
 }
 
 fn handles(folder: &Path, count: usize, narrower: f64) -> Handles {
-    let list = |name: &str| open::<[f64; 3]>(folder, &format!("ffd_{name}{count}")).1;
-    let numbers = |name: &str| open::<[f64; 1]>(folder, &format!("ffd_{name}{count}")).1;
-    let (at, moves, sigma, weight) = (list("h"), list("d"), numbers("s"), numbers("w"));
-    let handle = |k: usize| Handle {
-        at: at[k],
-        to: Some([0, 1, 2].map(|axis| at[k][axis] + moves[k][axis])),
-        sigma: Some([sigma[k][0] * narrower; 3]),
-        weight: weight[k][0],
-    };
-    Handles::new(HandleSpace::World, &Vec::from_iter((0..at.len()).map(handle)))
-        .expect("finite handles")
+    fn list(name: &str, count: usize, folder: &Path) -> Vec<[f64; 3]> {
+        open::<[f64; 3]>(folder, &format!("ffd_{name}{count}")).1
+    }
+    fn numbers(name: &str, count: usize, folder: &Path) -> Vec<[f64; 1]> {
+        open::<[f64; 1]>(folder, &format!("ffd_{name}{count}")).1
+    }
+    let (at, moves, sigma, weight) = (
+        list("h", count, folder),
+        list("d", count, folder),
+        numbers("s", count, folder),
+        numbers("w", count, folder),
+    );
+    Handles::new(
+        HandleSpace::World,
+        &(0..at.len())
+            .map(|k: usize| Handle {
+                at: at[k],
+                to: Some([0, 1, 2].map(|axis| at[k][axis] + moves[k][axis])),
+                sigma: Some([sigma[k][0] * narrower; 3]),
+                weight: weight[k][0],
+            })
+            .collect::<Vec<_>>(),
+    )
+    .expect("finite handles")
 }
 
 fn sum(what: &Movable) -> f64 {
@@ -349,7 +399,7 @@ where
     [u8; N]: bytemuck::Pod,
 {
     let (shape, pixels) = open::<[u8; N]>(folder, name);
-    Image::new(shape[1], shape[0], Vec::from_iter(pixels.iter().map(color))).expect("a picture")
+    Image::new(shape[1], shape[0], pixels.iter().map(color).collect::<Vec<_>>()).expect("a picture")
 }
 
 /// The shape and the items of a file of NumPy, version 1, in C order: bytes or doubles, as the caller knows.

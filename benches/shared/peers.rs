@@ -30,22 +30,31 @@ fn open<T: bytemuck::Pod>(path: &Path) -> Option<Vec<T>> {
 
 /// A torus of so many rows and columns of vertices: quads, or twice as many triangles. `bump` is how rough it is.
 pub(crate) fn torus(sides: usize, [rows, columns]: [u32; 2], bump: f64) -> Mesh {
-    let angle = |k: u32, n: u32| libm::sincos(std::f64::consts::TAU * f64::from(k) / f64::from(n));
-    let point = |k: u32| {
-        let ((s, c), (t, d)) = (angle(k / columns, rows), angle(k % columns, columns));
-        let bump = 1.0 + bump * libm::sin(f64::from(k) * 1.7);
-        Point3::new((2.0 + c * bump) * d, (2.0 + c * bump) * t, s * bump)
-    };
-    let quad = |k: u32| {
-        let at = |i: u32, j: u32| i % rows * columns + j % columns;
+    fn angle(k: u32, n: u32) -> (f64, f64) {
+        libm::sincos(std::f64::consts::TAU * f64::from(k) / f64::from(n))
+    }
+    let quads = (0..rows * columns).map(|k: u32| {
+        fn at(i: u32, j: u32, rows: u32, columns: u32) -> u32 {
+            i % rows * columns + j % columns
+        }
         let (i, j) = (k / columns, k % columns);
-        [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]
-    };
-    let quads = (0..rows * columns).map(quad);
+        [
+            at(i, j, rows, columns),
+            at(i, j + 1, rows, columns),
+            at(i + 1, j + 1, rows, columns),
+            at(i + 1, j, rows, columns),
+        ]
+    });
     let corners = match sides {
         3 => quads.flat_map(|[a, b, c, d]| [a, b, c, a, c, d]).collect(),
         _ => quads.flatten().collect::<Vec<u32>>(),
     };
-    let positions: Vec<_> = (0..rows * columns).map(point).collect();
+    let positions: Vec<_> = (0..rows * columns)
+        .map(|k: u32| {
+            let ((s, c), (t, d)) = (angle(k / columns, rows), angle(k % columns, columns));
+            let bump = 1.0 + bump * libm::sin(f64::from(k) * 1.7);
+            Point3::new((2.0 + c * bump) * d, (2.0 + c * bump) * t, s * bump)
+        })
+        .collect();
     Mesh::new(positions, Faces::uniform(sides, corners).expect("whole faces")).expect("a torus")
 }

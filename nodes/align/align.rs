@@ -96,7 +96,7 @@ pub fn align(
         By::Features => Start::by_features(&clouds, &[[0, 1]], &|_, _| true, progress)?,
         By::Nearest { reach, poses } => Start::known(&scans, &clouds, *poses, *reach)?,
         By::Pairs { pairs } => {
-            let pairs = Vec::from_iter(pairs.iter().map(|pair| pair.map(Point3::from)));
+            let pairs: Vec<_> = pairs.iter().map(|pair| pair.map(Point3::from)).collect();
             let (motion, off) = motion_of_given(&pairs)?;
             let [to, scan] = [0, 1].map(|k| clouds[k].sampled(finest(&clouds[k])));
             let fit = fit([&to, &scan], &motion.inverse());

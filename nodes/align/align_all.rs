@@ -88,7 +88,7 @@ impl Node for AlignAll {
         &[Carry::all("scans", "mesh", Fate::Kept).and_cells(Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let scans = Vec::from_iter(self.scans.iter().map(|scan| cx.get(scan)));
+        let scans: Vec<_> = self.scans.iter().map(|scan| cx.get(scan)).collect();
         let scans = Vec::from_iter(&scans);
         let alignment = align_all(&scans, &self.by, &|doubt| cx.warn(doubt), cx.progress())?;
         Ok((merged(&scans, &alignment)?, alignment))
@@ -111,14 +111,14 @@ pub fn align_all(
     SCANS.check("the alignment", scans.len() as f64)?;
     let clouds = Cloud::of_all(scans)?;
     let count = scans.len();
-    let neighbors = || {
-        let mut pairs = Vec::from_iter((1..count).map(|scan| [scan - 1, scan]));
+    fn neighbors(count: usize) -> Vec<[usize; 2]> {
+        let mut pairs: Vec<_> = (1..count).map(|scan| [scan - 1, scan]).collect();
         pairs.extend((2 < count).then_some([0, count - 1]));
         pairs
-    };
+    }
     let search = |progress: &Progress<'_>| match by {
         Search::Features => Start::by_features(&clouds, &all_pairs(count), &|_, _| true, progress),
-        Search::Neighbors => Start::by_features(&clouds, &neighbors(), &|_, _| true, progress),
+        Search::Neighbors => Start::by_features(&clouds, &neighbors(count), &|_, _| true, progress),
         Search::Nearest { reach, poses } => Start::known(scans, &clouds, *poses, *reach),
         Search::Turntable(table) => match table.poses(count)? {
             Some(poses) => {
@@ -127,7 +127,7 @@ pub fn align_all(
             }
             None => Start::by_features(
                 &clouds,
-                &neighbors(),
+                &neighbors(count),
                 &|pair, motion| table.allows(pair, motion),
                 progress,
             ),
@@ -141,7 +141,13 @@ pub fn align_all(
 impl Turntable {
     /// Where the scans are, if the axis is known.
     fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, AlignError> {
-        let wrong = |what, value, must| Err(AlignError::Parameter { what, value, must });
+        fn wrong(
+            what: &'static str,
+            value: f64,
+            must: &'static str,
+        ) -> Result<Option<Vec<Isometry3<f64>>>, AlignError> {
+            Err(AlignError::Parameter { what, value, must })
+        }
         if !(-180.0..=180.0).contains(&self.angle) {
             return wrong("angle", self.angle, "from -180 to 180 degrees");
         }
@@ -154,12 +160,17 @@ impl Turntable {
         if let Some(value) = self.through.into_iter().find(|x| !x.is_finite()) {
             return wrong("through", value, "finite");
         }
-        let turned = |scan: usize| {
-            let turn =
-                UnitQuaternion::from_axis_angle(&axis, (self.angle * scan as f64).to_radians());
-            Isometry3::rotation_wrt_point(turn, Point3::from(self.through))
-        };
-        Ok(Some((0..count).map(turned).collect()))
+        Ok(Some(
+            (0..count)
+                .map(|scan: usize| {
+                    let turn = UnitQuaternion::from_axis_angle(
+                        &axis,
+                        (self.angle * scan as f64).to_radians(),
+                    );
+                    Isometry3::rotation_wrt_point(turn, Point3::from(self.through))
+                })
+                .collect(),
+        ))
     }
 
     /// Whether a pair is turned as it should be.

@@ -73,8 +73,9 @@ impl Alignment {
         if let Some(scan) = motions.iter().position(|motion| !is_rigid(motion)) {
             return Err(AlignmentError::NotRigid { scan: scan + 1 });
         }
-        let is_there = |scan: u32| (1..=motions.len()).contains(&(scan as usize));
-        if let Some(pair) = pairs.iter().position(|pair| !pair.scans.into_iter().all(is_there)) {
+        if let Some(pair) = pairs.iter().position(|pair| {
+            !pair.scans.into_iter().all(|scan: u32| (1..=motions.len()).contains(&(scan as usize)))
+        }) {
             return Err(AlignmentError::NoScan { pair: pair + 1 });
         }
         let frame = frame.map(|frame| Frame {
@@ -184,14 +185,34 @@ impl Value for Alignment {
         parts.fact("scans", self.count());
         parts.fact("pairs", self.pairs.len());
         parts.push("motion", On::Entry, Meaning::Number, 16, self.motions.as_flattened());
-        let flat = |f: &dyn Fn(&PairFit) -> Vec<f64>| Vec::from_iter(self.pairs.iter().flat_map(f));
-        let scans = Vec::from_iter(self.pairs.iter().flat_map(|pair| pair.scans));
+        fn flat(f: &dyn Fn(&PairFit) -> Vec<f64>, pairs: &[PairFit]) -> Vec<f64> {
+            pairs.iter().flat_map(f).collect::<Vec<_>>()
+        }
+        let scans: Vec<_> = self.pairs.iter().flat_map(|pair| pair.scans).collect();
         parts.push("pair", On::Edge, Meaning::Exact, 2, scans);
-        parts.push("overlap", On::Edge, Meaning::Number, 2, flat(&|it| it.overlap.to_vec()));
-        let matches = Vec::from_iter(self.pairs.iter().map(|pair| pair.matches));
+        parts.push(
+            "overlap",
+            On::Edge,
+            Meaning::Number,
+            2,
+            flat(&|it| it.overlap.to_vec(), &self.pairs),
+        );
+        let matches: Vec<_> = self.pairs.iter().map(|pair| pair.matches).collect();
         parts.push("matches", On::Edge, Meaning::Exact, 1, matches);
-        parts.push("off surface", On::Edge, Meaning::Number, 1, flat(&|it| vec![it.plane]));
-        parts.push("off points", On::Edge, Meaning::Number, 1, flat(&|it| vec![it.point]));
+        parts.push(
+            "off surface",
+            On::Edge,
+            Meaning::Number,
+            1,
+            flat(&|it| vec![it.plane], &self.pairs),
+        );
+        parts.push(
+            "off points",
+            On::Edge,
+            Meaning::Number,
+            1,
+            flat(&|it| vec![it.point], &self.pairs),
+        );
         if let Some(Frame { picture: [width, height], depth, pose }) = self.frame {
             let numbers = vec![width as f64, height as f64, depth];
             parts.push("frame", On::Whole, Meaning::Number, 3, numbers);
@@ -203,7 +224,9 @@ impl Value for Alignment {
     }
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        let matrix = |numbers: [f64; 16]| Matrix4::from_column_slice(&numbers);
+        fn matrix(numbers: [f64; 16]) -> Matrix4<f64> {
+            Matrix4::from_column_slice(&numbers)
+        }
         let motions = parts.need("motion", 16)?.elements::<16>()?.into_iter().map(matrix);
         let scans = parts.need("pair", 2)?;
         let count = scans.count();
@@ -215,13 +238,6 @@ impl Value for Alignment {
         let (scans, matches) = (whole(scans)?, whole(parts.need("matches", 1)?)?);
         let overlap = parts.need("overlap", 2)?.with_count(count)?.elements::<2>()?;
         let (plane, point) = (numbers("off surface")?, numbers("off points")?);
-        let pair = |k: usize| PairFit {
-            scans: [scans[2 * k], scans[2 * k + 1]],
-            overlap: overlap[k],
-            matches: matches[k],
-            plane: plane[k],
-            point: point[k],
-        };
         let pose = parts.on(On::Whole, "frame pose").map(Part::only::<16>).transpose()?;
         let frame = parts.on(On::Whole, "frame").map(|part| {
             let [width, height, depth] = part.only()?;
@@ -234,7 +250,15 @@ impl Value for Alignment {
             let picture = [size(0, width)?, size(1, height)?];
             Ok(CaptureFrame { camera: None, picture, depth, world_from_camera: pose.map(matrix) })
         });
-        let pairs = (0..count).map(pair).collect();
+        let pairs = (0..count)
+            .map(|k: usize| PairFit {
+                scans: [scans[2 * k], scans[2 * k + 1]],
+                overlap: overlap[k],
+                matches: matches[k],
+                plane: plane[k],
+                point: point[k],
+            })
+            .collect();
         Self::new(&Vec::from_iter(motions), pairs, frame.transpose()?.as_ref())
             .map_err(PartsError::refused)
     }

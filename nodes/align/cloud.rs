@@ -52,7 +52,9 @@ impl Cloud {
             return Err(AlignError::Size { scan: number, size });
         }
         // From where a grid without a camera was seen is not known: it may have moved.
-        let is_seen = |range: &RangeImage| range.camera().is_some();
+        fn is_seen(range: &RangeImage) -> bool {
+            range.camera().is_some()
+        }
         let (faces, normals) = match scan {
             Scan::RangeImage(range) => {
                 let grazing = if is_seen(range) { GRAZING } else { 90.0 };
@@ -77,12 +79,16 @@ impl Cloud {
         let tree = Tree::new(&positions);
         let spacing = spacing(&positions, &tree);
         let radius = 3.0 * spacing;
-        let near = |at: &Point3<f64>| Neighbors::new(at, &positions, &tree, radius);
-        let near = positions.par_iter().map(near).map(|it| (it.normal, it.is_rim));
+        let near = positions
+            .par_iter()
+            .map(|at| Neighbors::new(at, &positions, &tree, radius))
+            .map(|it| (it.normal, it.is_rim));
         let (estimated, rim): (Vec<_>, Vec<_>) = near.unzip();
-        let unit = |it: &[f64; 3]| Vector3::from(*it).try_normalize(1e-9).unwrap_or_default();
         let normals = match given {
-            Some(given) => given.iter().map(unit).collect(),
+            Some(given) => given
+                .iter()
+                .map(|it| Vector3::from(*it).try_normalize(1e-9).unwrap_or_default())
+                .collect(),
             None => oriented(&positions, estimated, &tree, radius),
         };
         Self { positions, normals, rim, spacing, tree }
@@ -97,7 +103,7 @@ impl Cloud {
         }
         // A vertex without faces, or whose faces have no area, has no normal.
         let normals = mesh.vertex_normals();
-        let kept = Vec::from_iter((0..is_rim.len()).filter(|&k| normals[k].norm_squared() > 0.5));
+        let kept: Vec<_> = (0..is_rim.len()).filter(|&k| normals[k].norm_squared() > 0.5).collect();
         if kept.len() < FEWEST {
             return Err(AlignError::TooFewPoints {
                 scan: number,
@@ -105,7 +111,7 @@ impl Cloud {
                 least: FEWEST,
             });
         }
-        let positions = Vec::from_iter(kept.iter().map(|&vertex| mesh.positions()[vertex]));
+        let positions: Vec<_> = kept.iter().map(|&vertex| mesh.positions()[vertex]).collect();
         let tree = Tree::new(&positions);
         Ok(Self {
             spacing: spacing(&positions, &tree),
@@ -119,16 +125,27 @@ impl Cloud {
     /// How far neighbors are off each other's planes, in mm: root mean square of up to a thousand.
     pub(super) fn roughness(&self) -> f64 {
         let step = self.positions.len().div_ceil(1000).max(1);
-        let some = Vec::from_iter((0..self.positions.len()).step_by(step));
-        let way = |from: usize, to: u32| self.positions[to as usize] - self.positions[from];
-        let height = |&k: &usize| {
-            let near = self.tree.within(&self.positions[k], 1.5 * self.spacing);
-            let others = near.into_iter().filter(|&other| other as usize != k);
-            let distance = |other: u32| way(k, other).norm_squared();
-            let next = others.min_by(|&a, &b| distance(a).total_cmp(&distance(b)))?;
-            Some(0.5 * way(k, next).dot(&(self.normals[k] + self.normals[next as usize])))
-        };
-        let heights: Vec<f64> = some.par_iter().filter_map(height).collect();
+        let some: Vec<_> = (0..self.positions.len()).step_by(step).collect();
+        fn way(from: usize, to: u32, positions: &[Point3<f64>]) -> Vector3<f64> {
+            positions[to as usize] - positions[from]
+        }
+        let heights: Vec<f64> = some
+            .par_iter()
+            .filter_map(|&k| {
+                let near = self.tree.within(&self.positions[k], 1.5 * self.spacing);
+                let others = near.into_iter().filter(|&other| other as usize != k);
+                fn distance(other: u32, k: usize, positions: &[Point3<f64>]) -> f64 {
+                    way(k, other, positions).norm_squared()
+                }
+                let next = others.min_by(|&a, &b| {
+                    distance(a, k, &self.positions).total_cmp(&distance(b, k, &self.positions))
+                })?;
+                Some(
+                    0.5 * way(k, next, &self.positions)
+                        .dot(&(self.normals[k] + self.normals[next as usize])),
+                )
+            })
+            .collect();
         let squares = heights.iter().map(|height| height * height).sum::<f64>();
         (squares / heights.len().max(1) as f64).sqrt()
     }
@@ -141,12 +158,13 @@ impl Cloud {
     /// Fewer points: the means of those in each cell of a grid with this edge, with the means of their normals.
     pub(super) fn sampled(&self, edge: f64) -> Self {
         let (low, _) = self.bounds();
-        let cell = |k: usize| {
-            let at = (self.positions[k] - low) / edge;
-            ([at.x, at.y, at.z].map(|x| x as u64), k)
-        };
-        let mut cells: Vec<([u64; 3], usize)> =
-            (0..self.positions.len()).into_par_iter().map(cell).collect();
+        let mut cells: Vec<([u64; 3], usize)> = (0..self.positions.len())
+            .into_par_iter()
+            .map(|k: usize| {
+                let at = (self.positions[k] - low) / edge;
+                ([at.x, at.y, at.z].map(|x| x as u64), k)
+            })
+            .collect();
         cells.par_sort_unstable();
         let mut sampled = Self { spacing: edge, ..Self::default() };
         for cell in cells.chunk_by(|a, b| a.0 == b.0) {
@@ -176,7 +194,7 @@ pub(super) fn bounds<'a>(
 fn spacing(points: &[Point3<f64>], tree: &Tree) -> f64 {
     let (low, high) = bounds(points.iter());
     let all = (high - low).norm();
-    let some = Vec::from_iter(points.iter().step_by(points.len().div_ceil(1000).max(1)));
+    let some: Vec<_> = points.iter().step_by(points.len().div_ceil(1000).max(1)).collect();
     // Wider and wider, until there is another one.
     let to_next = |at: &&Point3<f64>| {
         let mut reach = 0.5 * all / (points.len() as f64).sqrt();
@@ -207,8 +225,11 @@ struct Neighbors {
 
 impl Neighbors {
     fn new(at: &Point3<f64>, points: &[Point3<f64>], tree: &Tree, radius: f64) -> Self {
-        let near =
-            Vec::from_iter(tree.within(at, radius).into_iter().map(|k| points[k as usize] - at));
+        let near = tree
+            .within(at, radius)
+            .into_iter()
+            .map(|k| points[k as usize] - at)
+            .collect::<Vec<_>>();
         let mean = near.iter().sum::<Vector3<f64>>() / near.len() as f64;
         let spread =
             near.iter().map(|off| (off - mean) * (off - mean).transpose()).sum::<Matrix3<f64>>();
@@ -221,7 +242,7 @@ impl Neighbors {
         }
         let around = near.iter().filter(|off| off.norm_squared() > 0.0);
         let mut angles =
-            Vec::from_iter(around.map(|off| libm::atan2(middle.dot(off), most.dot(off))));
+            around.map(|off| libm::atan2(middle.dot(off), most.dot(off))).collect::<Vec<_>>();
         angles.sort_by(f64::total_cmp);
         let last = angles.last().map_or(0.0, |last| last - std::f64::consts::TAU);
         let ends = std::iter::once(last).chain(angles.iter().copied());

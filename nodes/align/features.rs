@@ -39,13 +39,15 @@ pub(super) struct Found {
 
 /// The edge of the grid by which scans are matched, in mm.
 pub(super) fn grid_of(clouds: &[Cloud]) -> f64 {
-    let edge = |cloud: &Cloud| {
-        let (low, high) = cloud.bounds();
-        let first = (high - low).norm() / 40.0;
-        let count = cloud.sampled(first).positions.len() as f64;
-        (first * (count / SAMPLES).sqrt()).max(2.0 * cloud.spacing)
-    };
-    clouds.iter().map(edge).fold(0.0, f64::max)
+    clouds
+        .iter()
+        .map(|cloud| {
+            let (low, high) = cloud.bounds();
+            let first = (high - low).norm() / 40.0;
+            let count = cloud.sampled(first).positions.len() as f64;
+            (first * (count / SAMPLES).sqrt()).max(2.0 * cloud.spacing)
+        })
+        .fold(0.0, f64::max)
 }
 
 /// A scan with what its surface looks like.
@@ -120,15 +122,24 @@ type Match = (f32, [u32; 2]);
 /// Pairs of which each is among those most like the other.
 fn matches(a: &[Option<Histogram>], b: &[Option<Histogram>]) -> Vec<Match> {
     let [to_b, to_a] = [(a, b), (b, a)].map(|(from, to)| {
-        let alike = |one: &Option<Histogram>| one.as_ref().map_or(Vec::new(), |one| alike(one, to));
-        from.par_iter().with_min_len(64).map(alike).collect::<Vec<_>>()
+        from.par_iter()
+            .with_min_len(64)
+            .map(|one| one.as_ref().map_or(Vec::new(), |one| alike(one, to)))
+            .collect::<Vec<_>>()
     });
-    let mutual = |(k, alike): (usize, &Vec<(f32, u32)>)| {
-        let back =
-            |&&(_, other): &&(f32, u32)| to_a[other as usize].iter().any(|it| it.1 as usize == k);
-        Vec::from_iter(alike.iter().filter(back).map(|&(off, other)| (off, [k as u32, other])))
-    };
-    to_b.iter().enumerate().flat_map(mutual).collect()
+    to_b.iter()
+        .enumerate()
+        .flat_map(|(k, alike)| {
+            let back = |&&(_, other): &&(f32, u32)| {
+                to_a[other as usize].iter().any(|it| it.1 as usize == k)
+            };
+            alike
+                .iter()
+                .filter(back)
+                .map(|&(off, other)| (off, [k as u32, other]))
+                .collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 /// Those histograms that are most like one.
@@ -155,36 +166,65 @@ fn motions(
     to: &Cloud,
     edge: f64,
 ) -> Vec<(usize, Isometry3<f64>)> {
-    let ends = |[a, b]: [u32; 2]| [from.positions[a as usize], to.positions[b as usize]];
-    let ends = Vec::from_iter(pairs.iter().map(|&pair| ends(pair)));
-    let normals = |[a, b]: [u32; 2]| [from.normals[a as usize], to.normals[b as usize]];
-    let normals = Vec::from_iter(pairs.iter().map(|&pair| normals(pair)));
+    fn ends(
+        [a, b]: [u32; 2],
+        from_positions: &[Point3<f64>],
+        to_positions: &[Point3<f64>],
+    ) -> [Point3<f64>; 2] {
+        [from_positions[a as usize], to_positions[b as usize]]
+    }
+    let ends: Vec<_> =
+        pairs.iter().map(|&pair| ends(pair, &from.positions, &to.positions)).collect();
+    fn normals(
+        [a, b]: [u32; 2],
+        from_normals: &[nalgebra::Vector3<f64>],
+        to_normals: &[nalgebra::Vector3<f64>],
+    ) -> [nalgebra::Vector3<f64>; 2] {
+        [from_normals[a as usize], to_normals[b as usize]]
+    }
+    let normals: Vec<_> =
+        pairs.iter().map(|&pair| normals(pair, &from.normals, &to.normals)).collect();
     // Whether two matches keep the distance between each other, and the angle of their normals.
-    let keeps = |i: usize, j: usize| {
+    fn keeps(
+        i: usize,
+        j: usize,
+        ends: &[[Point3<f64>; 2]],
+        normals: &[[nalgebra::Vector3<f64>; 2]],
+        edge: f64,
+    ) -> bool {
         let [a, b] = [0, 1].map(|side| (ends[i][side] - ends[j][side]).norm());
         let [u, v] = [0, 1].map(|side| normals[i][side].dot(&normals[j][side]));
         a.min(b) > 2.0 * edge && (a - b).abs() < 1.5 * edge && (u - v).abs() < 0.35
-    };
+    }
     let words = pairs.len().div_ceil(64);
-    let row = |i: usize| {
-        let mut row = vec![0_u64; words];
-        (0..pairs.len()).filter(|&j| keeps(i, j)).for_each(|j| row[j / 64] |= 1 << (j % 64));
-        row
-    };
-    let rows: Vec<Vec<u64>> = (0..pairs.len()).into_par_iter().with_min_len(64).map(row).collect();
+    let rows: Vec<Vec<u64>> = (0..pairs.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|i: usize| {
+            let mut row = vec![0_u64; words];
+            (0..pairs.len())
+                .filter(|&j| keeps(i, j, &ends, &normals, edge))
+                .for_each(|j| row[j / 64] |= 1 << (j % 64));
+            row
+        })
+        .collect();
     let motion = |i: usize| {
         let common =
             |j: usize| rows[i].iter().zip(&rows[j]).map(|(a, b)| (a & b).count_ones()).sum::<u32>();
         let agreeing = (0..pairs.len()).filter(|j| rows[i][j / 64] >> (j % 64) & 1 == 1);
-        let mut agreeing = Vec::from_iter(agreeing.map(|j| (Reverse(common(j)), j)));
+        let mut agreeing: Vec<_> = agreeing.map(|j| (Reverse(common(j)), j)).collect();
         agreeing.sort_unstable();
         if agreeing.len() < 3 {
             return None;
         }
         let best = agreeing.iter().take(AGREEING).map(|&(_, j)| j).chain([i]);
-        let motion = motion_of(&Vec::from_iter(best.map(|j| ends[j])));
-        let fits = |[a, b]: &&[Point3<f64>; 2]| (motion * a - b).norm_squared() < 4.0 * edge * edge;
-        Some((ends.iter().filter(fits).count(), motion))
+        let motion = motion_of(&best.map(|j| ends[j]).collect::<Vec<_>>());
+        Some((
+            ends.iter()
+                .filter(|[a, b]| (motion * a - b).norm_squared() < 4.0 * edge * edge)
+                .count(),
+            motion,
+        ))
     };
     (0..pairs.len()).into_par_iter().with_min_len(64).filter_map(motion).collect()
 }

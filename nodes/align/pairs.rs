@@ -9,10 +9,10 @@ use super::align_error::AlignError;
 /// Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), section 4.A: a turn, never a reflection.
 pub(super) fn motion_of(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
     let count = pairs.len().max(1) as f64;
-    let mean = |side: usize| {
+    fn mean(side: usize, count: f64, pairs: &[[Point3<f64>; 2]]) -> nalgebra::Vector3<f64> {
         pairs.iter().map(|pair| pair[side].coords / count).sum::<nalgebra::Vector3<f64>>()
-    };
-    let (from, to) = (mean(0), mean(1));
+    }
+    let (from, to) = (mean(0, count, pairs), mean(1, count, pairs));
     let products =
         |pair: &[Point3<f64>; 2]| (pair[0].coords - from) * (pair[1].coords - to).transpose();
     let s = pairs.iter().map(products).sum::<Matrix3<f64>>();
@@ -49,11 +49,13 @@ pub(super) fn motion_of_given(
     for side in 0..2 {
         let mean = pairs.iter().map(|pair| pair[side].coords).sum::<nalgebra::Vector3<f64>>()
             / pairs.len() as f64;
-        let spread = |pair: &[Point3<f64>; 2]| {
-            let off = pair[side].coords - mean;
-            off * off.transpose() / pairs.len() as f64
-        };
-        let spread = pairs.iter().map(spread).sum::<Matrix3<f64>>();
+        let spread = pairs
+            .iter()
+            .map(|pair| {
+                let off = pair[side].coords - mean;
+                off * off.transpose() / pairs.len() as f64
+            })
+            .sum::<Matrix3<f64>>();
         if let Some(value) = spread.iter().find(|x| !x.is_finite()) {
             return Err(AlignError::Parameter {
                 what: "pairs",
@@ -71,7 +73,7 @@ pub(super) fn motion_of_given(
         }
     }
     let motion = motion_of(pairs);
-    let apart = Vec::from_iter(pairs.iter().map(|[from, onto]| (motion * from - onto).norm()));
+    let apart: Vec<_> = pairs.iter().map(|[from, onto]| (motion * from - onto).norm()).collect();
     let off = (apart.iter().map(|off| off * off).sum::<f64>() / pairs.len() as f64).sqrt();
     if MOST_OFF * least < off {
         let worst = (0..apart.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b])).unwrap_or(0);

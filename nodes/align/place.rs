@@ -63,15 +63,18 @@ impl Start {
         let mut poses = vec![None; clouds.len()];
         poses[0] = Some(Isometry3::identity());
         // Prim's tree: again and again the best pair of which one scan has its place.
-        let next = |poses: &[Option<Isometry3<f64>>]| {
+        fn next(
+            poses: &[Option<Isometry3<f64>>],
+            found: &[([usize; 2], Found)],
+        ) -> Option<(usize, Isometry3<f64>)> {
             let fits = found.iter().filter(|(_, found)| is_good(&found.fit));
             fits.into_iter().find_map(|&([a, b], found)| match (poses[a], poses[b]) {
                 (None, Some(pose)) => Some((a, pose * found.motion)),
                 (Some(pose), None) => Some((b, pose * found.motion.inverse())),
                 _ => None,
             })
-        };
-        while let Some((scan, pose)) = next(&poses) {
+        }
+        while let Some((scan, pose)) = next(&poses, &found) {
             poses[scan] = Some(pose);
         }
         if let Some(scan) = poses.iter().position(Option::is_none) {
@@ -106,7 +109,7 @@ impl Start {
                 vec![Isometry3::identity(); scans.len()]
             }
             (_, None) => {
-                let poses = Vec::from_iter(known.into_iter().flatten().map(|pose| rigid(&pose)));
+                let poses: Vec<_> = known.into_iter().flatten().map(|pose| rigid(&pose)).collect();
                 poses.iter().map(|pose| poses[0].inv_mul(pose)).collect()
             }
         };
@@ -154,15 +157,19 @@ pub(super) fn together(
     progress: &Progress<'_>,
 ) -> Result<Alignment, AlignError> {
     let least = clouds.iter().map(finest).fold(f64::INFINITY, f64::min);
-    let edge = |k: u32| least * f64::from(1_u32 << k);
-    let grids = (1..GRIDS).find(|&k| 3.0 * edge(k) > start.reach).unwrap_or(GRIDS);
+    fn edge(k: u32, least: f64) -> f64 {
+        least * f64::from(1_u32 << k)
+    }
+    let grids = (1..GRIDS).find(|&k| 3.0 * edge(k, least) > start.reach).unwrap_or(GRIDS);
     let mut poses = start.poses;
     let mut pairs = near(clouds, &poses, start.reach);
     let mut last = None;
     for k in (0..grids).rev() {
         progress.tick(1.0 - f64::from(k + 1) / f64::from(grids))?;
-        let sampled = |cloud: &Cloud| cloud.sampled(edge(k).max(finest(cloud)));
-        let sampled: Vec<Cloud> = clouds.par_iter().map(sampled).collect();
+        let sampled: Vec<Cloud> = clouds
+            .par_iter()
+            .map(|cloud| cloud.sampled(edge(k, least).max(finest(cloud))))
+            .collect();
         let level = Level::of(&Vec::from_iter(&sampled));
         let refined = refine(&level, poses, &pairs, STEPS, progress)?;
         // What has nothing in common on a coarse grid has nothing on a finer one.
@@ -172,12 +179,15 @@ pub(super) fn together(
         last = Some((level, refined));
     }
     let (level, refined) = last.expect("there is a finest grid");
-    let fits =
-        Vec::from_iter(pairs.iter().zip(&refined.contacts).filter_map(|(&[a, b], contact)| {
+    let fits = pairs
+        .iter()
+        .zip(&refined.contacts)
+        .filter_map(|(&[a, b], contact)| {
             let both = [&level.clouds[a], &level.clouds[b]];
             let fit = fit(both, &poses[b].inv_mul(&poses[a]));
             (contact.matches > 0).then_some(([a, b], *contact, fit))
-        }));
+        })
+        .collect::<Vec<_>>();
     // What hangs together with the first scan, by whatever lies between.
     let mut held = vec![true];
     held.resize(clouds.len(), false);
@@ -215,22 +225,24 @@ pub(super) fn together(
         plane: contact.plane,
         point: contact.point,
     });
-    let motions = Vec::from_iter(poses.iter().map(Isometry3::to_homogeneous));
+    let motions: Vec<_> = poses.iter().map(Isometry3::to_homogeneous).collect();
     Ok(Alignment::new(&motions, told.collect(), frame)?)
 }
 
 /// The pairs of scans of which the boxes are nearer to each other than `reach`.
 fn near(clouds: &[Cloud], poses: &[Isometry3<f64>], reach: f64) -> Vec<[usize; 2]> {
     let boxes = clouds.iter().zip(poses).map(|(cloud, pose)| {
-        let placed = Vec::from_iter(cloud.positions.iter().map(|point| pose * point));
+        let placed: Vec<_> = cloud.positions.iter().map(|point| pose * point).collect();
         bounds(placed.iter())
     });
     let boxes = Vec::from_iter(boxes);
-    let is_near = |&[a, b]: &[usize; 2]| {
-        let ((low, high), (other_low, other_high)) = (boxes[a], boxes[b]);
-        (0..3).all(|k| low[k] - reach < other_high[k] && other_low[k] - reach < high[k])
-    };
-    all_pairs(clouds.len()).into_iter().filter(is_near).collect()
+    all_pairs(clouds.len())
+        .into_iter()
+        .filter(|&[a, b]| {
+            let ((low, high), (other_low, other_high)) = (boxes[a], boxes[b]);
+            (0..3).all(|k| low[k] - reach < other_high[k] && other_low[k] - reach < high[k])
+        })
+        .collect()
 }
 
 /// All pairs of so many scans, the earlier one first.

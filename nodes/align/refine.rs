@@ -21,11 +21,13 @@ pub(super) struct Level {
 
 impl Level {
     pub(super) fn of(clouds: &[&Cloud]) -> Self {
-        let size = |cloud: &&Cloud| {
-            let (low, high) = cloud.bounds();
-            0.5 * (high - low).norm()
-        };
-        let radius = clouds.iter().map(size).fold(0.0, f64::max);
+        let radius = clouds
+            .iter()
+            .map(|cloud| {
+                let (low, high) = cloud.bounds();
+                0.5 * (high - low).norm()
+            })
+            .fold(0.0, f64::max);
         Self { clouds: clouds.iter().map(|&cloud| cloud.clone()).collect(), radius }
     }
 
@@ -82,7 +84,7 @@ pub(super) fn refine(
     progress: &Progress<'_>,
 ) -> Result<Refined, Cancelled> {
     let center = level.center(&poses);
-    let mut reaches = Vec::from_iter(pairs.iter().map(|&pair| REACH * level.edge(pair)));
+    let mut reaches: Vec<_> = pairs.iter().map(|&pair| REACH * level.edge(pair)).collect();
     let least = pairs.iter().map(|&pair| level.edge(pair)).fold(f64::INFINITY, f64::min);
     let mut left = steps;
     loop {
@@ -137,8 +139,10 @@ impl System {
         for found in level.matches(poses, [b, a], reach) {
             matches.push(Match { off: -found.off, ..found });
         }
-        let height = |it: &Match| it.off.dot(&it.normal);
-        let mut heights = Vec::from_iter(matches.iter().map(|it| height(it).abs()));
+        fn height(it: &Match) -> f64 {
+            it.off.dot(&it.normal)
+        }
+        let mut heights: Vec<_> = matches.iter().map(|it| height(it).abs()).collect();
         let middle = heights.len() / 2;
         if !heights.is_empty() {
             heights.select_nth_unstable_by(middle, f64::total_cmp);
@@ -147,14 +151,18 @@ impl System {
             matches.retain(|it| height(it).abs() <= most);
         }
         let count = matches.len().max(1) as f64;
-        let mean = |f: &dyn Fn(&Match) -> f64| matches.iter().map(f).sum::<f64>() / count;
+        fn mean(f: &dyn Fn(&Match) -> f64, matches: &[Match], count: f64) -> f64 {
+            matches.iter().map(f).sum::<f64>() / count
+        }
         let center = matches.iter().map(|it| it.middle.coords / count).sum::<Vector3<f64>>();
         let center = Point3::from(center);
-        let radius = mean(&|it| (it.middle - center).norm_squared()).sqrt().max(level.edge([a, b]));
+        let radius = mean(&|it| (it.middle - center).norm_squared(), &matches, count)
+            .sqrt()
+            .max(level.edge([a, b]));
         let contact = Contact {
             matches: matches.len(),
-            plane: mean(&|it| height(it) * height(it)).sqrt(),
-            point: mean(&|it| it.off.norm_squared()).sqrt(),
+            plane: mean(&|it| height(it) * height(it), &matches, count).sqrt(),
+            point: mean(&|it| it.off.norm_squared(), &matches, count).sqrt(),
         };
         let (mut matrix, mut right) = (Matrix6::zeros(), Vector6::zeros());
         for it in &matches {
@@ -165,9 +173,8 @@ impl System {
         }
         // What is not felt is not asked for.
         let eigen = SymmetricEigen::new(matrix);
-        let felt = |k: &usize| eigen.eigenvalues[*k] > FELT * count;
         let (mut held, mut asked) = (Matrix6::zeros(), Vector6::zeros());
-        for k in (0..6).filter(felt) {
+        for k in (0..6).filter(|k| eigen.eigenvalues[*k] > FELT * count) {
             let way = eigen.eigenvectors.column(k);
             held += way * way.transpose() * eigen.eigenvalues[k];
             asked += way * way.dot(&right);
@@ -188,28 +195,35 @@ impl System {
 impl Level {
     /// The middle of all scans.
     fn center(&self, poses: &[Isometry3<f64>]) -> Point3<f64> {
-        let middle = |(cloud, pose): (&Cloud, &Isometry3<f64>)| {
-            let (low, high) = cloud.bounds();
-            (pose * nalgebra::center(&low, &high)).coords / poses.len() as f64
-        };
-        self.clouds.iter().zip(poses).map(middle).sum::<Vector3<f64>>().into()
+        self.clouds
+            .iter()
+            .zip(poses)
+            .map(|(cloud, pose): (&Cloud, &Isometry3<f64>)| {
+                let (low, high) = cloud.bounds();
+                (pose * nalgebra::center(&low, &high)).coords / poses.len() as f64
+            })
+            .sum::<Vector3<f64>>()
+            .into()
     }
 
     /// The nearest point of the second scan to each of the first, where they belong together.
     fn matches(&self, poses: &[Isometry3<f64>], [a, b]: [usize; 2], reach: f64) -> Vec<Match> {
         let (from, to) = (&self.clouds[a], &self.clouds[b]);
         let motion = poses[b].inv_mul(&poses[a]);
-        let found = |k: usize| {
-            let (at, normal) = (motion * from.positions[k], motion * from.normals[k]);
-            let (near, _) = to.tree.nearest(&at, reach)?;
-            let (place, other) = (to.positions[near], to.normals[near]);
-            (!to.rim[near] && normal.dot(&other) > ALIGNED).then(|| Match {
-                middle: poses[b] * nalgebra::center(&at, &place),
-                normal: poses[b] * (0.5 * (normal + other)),
-                off: poses[b] * (at - place),
+        (0..from.positions.len())
+            .into_par_iter()
+            .with_min_len(512)
+            .filter_map(|k: usize| {
+                let (at, normal) = (motion * from.positions[k], motion * from.normals[k]);
+                let (near, _) = to.tree.nearest(&at, reach)?;
+                let (place, other) = (to.positions[near], to.normals[near]);
+                (!to.rim[near] && normal.dot(&other) > ALIGNED).then(|| Match {
+                    middle: poses[b] * nalgebra::center(&at, &place),
+                    normal: poses[b] * (0.5 * (normal + other)),
+                    off: poses[b] * (at - place),
+                })
             })
-        };
-        (0..from.positions.len()).into_par_iter().with_min_len(512).filter_map(found).collect()
+            .collect()
     }
 }
 
@@ -222,7 +236,9 @@ fn solve(
     radius: f64,
 ) -> (Vec<Vector6<f64>>, usize) {
     // The first scan has no numbers among those that are sought.
-    let place = |scan: usize| Some(6 * scan.checked_sub(1)?);
+    fn place(scan: usize) -> Option<usize> {
+        Some(6 * scan.checked_sub(1)?)
+    }
     let size = 6 * (count - 1);
     let (mut matrix, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for (system, pair) in systems.iter().zip(pairs) {
@@ -249,6 +265,10 @@ fn solve(
             free += 1;
         }
     }
-    let of_scan = |scan| place(scan).map_or(Vector6::zeros(), |at| all.fixed_rows::<6>(at).into());
-    ((0..count).map(of_scan).collect(), free)
+    (
+        (0..count)
+            .map(|scan| place(scan).map_or(Vector6::zeros(), |at| all.fixed_rows::<6>(at).into()))
+            .collect(),
+        free,
+    )
 }

@@ -42,8 +42,11 @@ fn somewhere(seed: f64) -> Isometry3<f64> {
 /// How far a motion brings places of a scan from where they should be, in mm: root mean square.
 fn off(scan: &Scan, motion: &Matrix4<f64>, truth: &Isometry3<f64>) -> f64 {
     let places = || scan.places().iter().filter(|place| !place.x.is_nan());
-    let square = |place| (motion.transform_point(place) - truth * place).norm_squared();
-    (places().map(square).sum::<f64>() / places().count() as f64).sqrt()
+    (places()
+        .map(|place| (motion.transform_point(place) - truth * place).norm_squared())
+        .sum::<f64>()
+        / places().count() as f64)
+        .sqrt()
 }
 
 /// As points without normals.
@@ -97,11 +100,13 @@ fn a_round_of_scans_closes() {
         let (s, c) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 6.0);
         seen_from(&blob(0.3 * f64::from(k)), Vector3::new(s, 0.2, c))
     });
-    let truths = Vec::from_iter(
-        (0..6).map(|k| if k == 0 { Isometry3::identity() } else { somewhere(f64::from(k)) }),
-    );
-    let scans =
-        Vec::from_iter(views.zip(&truths).map(|(scan, truth)| moved_by(&scan, &truth.inverse())));
+    let truths: Vec<_> = (0..6)
+        .map(|k| if k == 0 { Isometry3::identity() } else { somewhere(f64::from(k)) })
+        .collect();
+    let scans = views
+        .zip(&truths)
+        .map(|(scan, truth)| moved_by(&scan, &truth.inverse()))
+        .collect::<Vec<_>>();
     for by in [Search::Features, Search::Neighbors] {
         let (alignment, doubts) = all_aligned(&scans, &by);
         let alignment = alignment.unwrap();
@@ -123,15 +128,16 @@ fn a_turntable_tells_where_scans_are() {
     // What the scanner sees when the table is turned back by one step after the other.
     let truth =
         |k: usize| axis * Isometry3::rotation(Vector3::y() * (step * k as f64)) * axis.inverse();
-    let scan = |k: usize| {
-        let (s, c) = libm::sincos(step * k as f64);
-        let scan = seen_from(
-            &blob(0.3 * k as f64),
-            axis.rotation.inverse() * Vector3::new(0.0, 0.0, 0.0) + Vector3::new(s, 0.0, c),
-        );
-        moved_by(&scan, &(truth(k).inverse() * axis))
-    };
-    let scans = Vec::from_iter((0..4).map(scan));
+    let scans: Vec<_> = (0..4)
+        .map(|k: usize| {
+            let (s, c) = libm::sincos(step * k as f64);
+            let scan = seen_from(
+                &blob(0.3 * k as f64),
+                axis.rotation.inverse() * Vector3::new(0.0, 0.0, 0.0) + Vector3::new(s, 0.0, c),
+            );
+            moved_by(&scan, &(truth(k).inverse() * axis))
+        })
+        .collect();
     let direction = axis * Vector3::y();
     let known = Turntable {
         angle: 40.0,
@@ -157,25 +163,34 @@ fn a_turntable_tells_where_scans_are() {
 fn picked_pairs_fix_a_motion() {
     let truth = somewhere(1.0);
     let scan = seen_from(&blob(0.0), Vector3::z());
-    let pick = |at: [f64; 3]| [at, (truth * Point3::from(at)).into()];
-    let by = |at: &[[f64; 3]]| By::Pairs { pairs: at.iter().map(|&at| pick(at)).collect() };
-    let enough = by(&[[0.0, 0.0, 40.0], [30.0, 0.0, 10.0], [0.0, 30.0, 10.0]]);
+    fn pick(at: [f64; 3], truth: &Isometry3<f64>) -> [[f64; 3]; 2] {
+        [at, (*truth * Point3::from(at)).into()]
+    }
+    fn by(at: &[[f64; 3]], truth: &Isometry3<f64>) -> By {
+        By::Pairs { pairs: at.iter().map(|&at| pick(at, truth)).collect() }
+    }
+    let enough = by(&[[0.0, 0.0, 40.0], [30.0, 0.0, 10.0], [0.0, 30.0, 10.0]], &truth);
     let alignment = aligned(&scan, &moved_by(&scan, &truth), &enough).0.unwrap();
     assert!(off(&scan, &alignment.motion(2).unwrap(), &truth) < 1e-9);
     let fit = alignment.pairs()[0];
     assert!(fit.matches == 3 && fit.point < 1e-9 && fit.overlap[0] > 80.0, "{fit:?}");
-    let error = |at: &[[f64; 3]]| aligned(&scan, &scan, &by(at)).0.unwrap_err().to_string();
+    fn error(at: &[[f64; 3]], scan: &Scan, truth: &Isometry3<f64>) -> String {
+        aligned(scan, scan, &by(at, truth)).0.unwrap_err().to_string()
+    }
     assert_eq!(
-        error(&[[0.0; 3], [1.0; 3]]),
+        error(&[[0.0; 3], [1.0; 3]], &scan, &truth),
         "there are 2 pairs of points, but at least 3 are needed"
     );
-    let line = error(&[[0.0; 3], [10.0; 3], [20.0; 3]]);
+    let line = error(&[[0.0; 3], [10.0; 3], [20.0; 3]], &scan, &truth);
     assert!(line.starts_with("the points of the pairs lie on a line"), "{line}");
     // A mirrored scan, and one in another unit.
     let picked = [[0.0, 0.0, 40.0], [30.0, 0.0, 10.0], [0.0, 30.0, 10.0], [-20.0, -10.0, 5.0]];
     for scale in [[-1.0, 1.0, 1.0], [0.001; 3]] {
-        let pair = |at: [f64; 3]| [at, std::array::from_fn(|axis| at[axis] * scale[axis])];
-        let by = By::Pairs { pairs: picked.map(pair).to_vec() };
+        let by = By::Pairs {
+            pairs: picked
+                .map(|at: [f64; 3]| [at, std::array::from_fn(|axis| at[axis] * scale[axis])])
+                .to_vec(),
+        };
         let told = aligned(&scan, &scan, &by).0.unwrap_err().to_string();
         assert!(told.starts_with("the pairs contradict each other: "), "{told}");
     }
@@ -275,9 +290,13 @@ fn a_mesh_that_is_not_manifold_is_aligned_as_well() {
 #[test]
 fn any_number_of_threads_gives_the_same() {
     let (front, side) = (seen_from(&blob(0.0), Vector3::z()), seen_from(&blob(0.4), Vector3::x()));
-    let with = |threads| {
+    fn with(
+        threads: usize,
+        side: &Scan,
+        front: &Scan,
+    ) -> (Result<Alignment, AlignError>, Vec<String>) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| aligned(&moved_by(&side, &somewhere(1.0)), &front, &By::Features))
-    };
-    assert_eq!(with(1), with(3));
+        pool.install(|| aligned(&moved_by(side, &somewhere(1.0)), front, &By::Features))
+    }
+    assert_eq!(with(1, &side, &front), with(3, &side, &front));
 }

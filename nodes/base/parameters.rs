@@ -19,16 +19,28 @@ pub fn parameters(net: &value::ControlNet, along: Along, measure: fn(f64) -> f64
         Along::U => (net.rows(), columns),
         Along::V => (columns, net.rows()),
     };
-    let at = |line: usize, k: usize| match along {
-        Along::U => net.points()[k * columns + line],
-        Along::V => net.points()[line * columns + k],
-    };
+    fn at(
+        line: usize,
+        k: usize,
+        columns: usize,
+        along: &Along,
+        net: &maquette_value::ControlNet,
+    ) -> nalgebra::Point3<f64> {
+        match *along {
+            Along::U => net.points()[k * columns + line],
+            Along::V => net.points()[line * columns + k],
+        }
+    }
     let mut sums = vec![0.0; count];
     let mut counted = 0.0;
     for line in 0..lines {
         let mut lengths = vec![0.0; count];
         for k in 1..count {
-            lengths[k] = lengths[k - 1] + measure((at(line, k) - at(line, k - 1)).norm());
+            lengths[k] = lengths[k - 1]
+                + measure(
+                    (at(line, k, columns, &along, net) - at(line, k - 1, columns, &along, net))
+                        .norm(),
+                );
         }
         let whole = lengths[count - 1];
         if whole > 0.0 {

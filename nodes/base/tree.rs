@@ -80,12 +80,15 @@ impl Tree {
         limit: f64,
         see: &mut impl FnMut(u32, f64) -> f64,
     ) -> f64 {
-        let see_one = |see: &mut dyn FnMut(u32, f64) -> f64,
-                       (point, index): &(Point3<f64>, u32)| {
+        fn see_one(
+            see: &mut dyn FnMut(u32, f64) -> f64,
+            (point, index): &(Point3<f64>, u32),
+            at: &Point3<f64>,
+        ) -> f64 {
             see(*index, (point - at).norm_squared())
-        };
+        }
         if branch.len() <= LEAF {
-            return self.points[branch].iter().fold(limit, |_, point| see_one(see, point));
+            return self.points[branch].iter().fold(limit, |_, point| see_one(see, point, at));
         }
         let middle = branch.start + branch.len() / 2;
         let axis = usize::from(self.axes[middle]);
@@ -93,7 +96,7 @@ impl Tree {
         let (low, high) = (branch.start..middle, middle + 1..branch.end);
         let (near, far) = if off < 0.0 { (low, high) } else { (high, low) };
         self.visit(near, at, limit, see);
-        let limit = see_one(see, &self.points[middle]);
+        let limit = see_one(see, &self.points[middle], at);
         if off * off <= limit { self.visit(far, at, limit, see) } else { limit }
     }
 }
@@ -126,22 +129,24 @@ mod tests {
     #[test]
     fn the_nearest_point_and_those_around_are_those_of_a_plain_search() {
         let mut random = Random(3);
-        let mut place = || Point3::from([0; 3].map(|_| random.below(40) as f64));
-        let points = Vec::from_iter((0..500).map(|_| place()));
+        fn place(random: &mut Random) -> Point3<f64> {
+            Point3::from([0; 3].map(|_| random.below(40) as f64))
+        }
+        let points: Vec<_> = (0..500).map(|_| place(&mut random)).collect();
         let tree = Tree::new(&points);
-        for at in
-            Vec::from_iter((0..300).map(|_| place() + nalgebra::Vector3::new(0.25, 0.0, -0.5)))
+        for at in (0..300)
+            .map(|_| place(&mut random) + nalgebra::Vector3::new(0.25, 0.0, -0.5))
+            .collect::<Vec<_>>()
         {
-            let square = |point: &Point3<f64>| (point - at).norm_squared();
-            let all = || points.iter().map(square).enumerate();
+            let all = || points.iter().map(|point| (point - at).norm_squared()).enumerate();
             for reach in [0.5, 3.0, 100.0] {
                 let near = all().filter(|(_, d)| *d < reach * reach);
                 let nearest = near.clone().min_by(|a, b| a.1.total_cmp(&b.1));
                 assert_eq!(tree.nearest(&at, reach), nearest);
-                let near = Vec::from_iter(near.map(|(point, _)| point as u32));
+                let near: Vec<_> = near.map(|(point, _)| point as u32).collect();
                 assert_eq!(tree.within(&at, reach), near);
             }
-            let mut squares = Vec::from_iter(all().map(|(_, square)| square));
+            let mut squares: Vec<_> = all().map(|(_, square)| square).collect();
             squares.sort_by(f64::total_cmp);
             let mut found = vec![7.0];
             for count in [1, 20, 600] {

@@ -57,7 +57,7 @@ impl Node for FlyingPixels {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let range = cx.get(&self.range);
         let flying = flying_pixels(range, self.angle, self.neighbors)?;
-        let kept = Vec::from_iter(flying.iter().map(|flying| !flying));
+        let kept: Vec<_> = flying.iter().map(|flying| !flying).collect();
         match Scan::RangeImage(range.clone()).only(&kept) {
             Scan::RangeImage(range) => {
                 if range.n_valid() == 0 && kept.iter().any(|kept| !kept) {
@@ -122,18 +122,20 @@ pub fn flying_pixels(
             false => Step::Farther,
         })
     };
-    let flies = |cell: usize| {
-        if points[cell].x.is_nan() {
-            return false;
-        }
-        let lines = HALF.map(|way| [step(cell, way), step(cell, way.map(|x| -x))]);
-        let is_between = |line: &[Option<Step>; 2]| {
-            line.contains(&Some(Step::Nearer)) && line.contains(&Some(Step::Farther))
-        };
-        let even = lines.as_flattened().iter().filter(|it| **it == Some(Step::Even)).count();
-        lines.iter().any(is_between) || even < neighbors as usize
-    };
-    Ok((0..width * height).into_par_iter().with_min_len(1024).map(flies).collect())
+    Ok((0..width * height)
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|cell: usize| {
+            if points[cell].x.is_nan() {
+                return false;
+            }
+            let lines = HALF.map(|way| [step(cell, way), step(cell, way.map(|x| -x))]);
+            let even = lines.as_flattened().iter().filter(|it| **it == Some(Step::Even)).count();
+            lines.iter().any(|line| {
+                line.contains(&Some(Step::Nearer)) && line.contains(&Some(Step::Farther))
+            }) || even < neighbors as usize
+        })
+        .collect())
 }
 
 #[cfg(test)]
@@ -144,12 +146,22 @@ mod tests {
 
     /// What a camera with 1000 cells for a unit of depth sees, of 40 by 30 cells; depths by column and row, in mm.
     fn seen(depth: impl Fn(usize, usize) -> f64) -> RangeImage {
-        let point = |cell: usize| {
-            let (column, row) = (cell % 40, cell / 40);
-            let z = depth(column, row);
-            Point3::new((column as f64 - 19.5) / 1000.0 * z, (row as f64 - 14.5) / 1000.0 * z, z)
-        };
-        RangeImage::new(40, 30, (0..1200).map(point).collect()).unwrap()
+        RangeImage::new(
+            40,
+            30,
+            (0..1200)
+                .map(|cell: usize| {
+                    let (column, row) = (cell % 40, cell / 40);
+                    let z = depth(column, row);
+                    Point3::new(
+                        (column as f64 - 19.5) / 1000.0 * z,
+                        (row as f64 - 14.5) / 1000.0 * z,
+                        z,
+                    )
+                })
+                .collect(),
+        )
+        .unwrap()
     }
 
     fn flying(range: &RangeImage, neighbors: u32) -> Vec<[usize; 2]> {
@@ -168,7 +180,7 @@ mod tests {
             _ => 1000.0,
         };
         let expected =
-            Vec::from_iter((0..30).flat_map(|row| [14, 15, 25].map(|column| [column, row])));
+            (0..30).flat_map(|row| [14, 15, 25].map(|column| [column, row])).collect::<Vec<_>>();
         assert_eq!(flying(&seen(depth), 2), expected);
         // Without anything between nothing goes.
         let depth = |column, _| if (16..25).contains(&column) { 500.0 } else { 1000.0 };
@@ -187,11 +199,13 @@ mod tests {
 
     #[test]
     fn single_cells_go_unless_they_may_stay() {
-        let depth = |column, row| match (column, row) {
-            (10, 10) => 600.0,
-            (20..30, 12) => 600.0,
-            _ => 1000.0,
-        };
+        fn depth(column: usize, row: usize) -> f64 {
+            match (column, row) {
+                (10, 10) => 600.0,
+                (20..30, 12) => 600.0,
+                _ => 1000.0,
+            }
+        }
         // A wire of one row has two neighbors of its own but at its ends.
         assert_eq!(flying(&seen(depth), 2), [[10, 10], [20, 12], [29, 12]]);
         assert!(flying(&seen(depth), 0).is_empty());

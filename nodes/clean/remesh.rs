@@ -118,14 +118,16 @@ pub fn remesh(
     // Of faces without area nothing even can be made.
     let rounds = if count > 0.0 { ROUNDS } else { 0 };
     for round in 0..rounds {
-        let share = |part: f64| (f64::from(round) + part) / f64::from(rounds);
-        progress.tick(share(0.0))?;
+        fn share(part: f64, round: u32, rounds: u32) -> f64 {
+            (f64::from(round) + part) / f64::from(rounds)
+        }
+        progress.tick(share(0.0, round, rounds))?;
         split(&mut net, length * LONG, progress)?;
-        progress.tick(share(0.15))?;
+        progress.tick(share(0.15, round, rounds))?;
         collapse(&mut net, [length * SHORT, length * LONG], progress)?;
-        progress.tick(share(0.35))?;
+        progress.tick(share(0.35, round, rounds))?;
         flip(&mut net, progress)?;
-        progress.tick(share(0.5))?;
+        progress.tick(share(0.5, round, rounds))?;
         relax(&mut net, &original, progress)?;
     }
     Ok(original.into_mesh(&net)?)
@@ -137,22 +139,34 @@ fn length(mesh: &Mesh, given: f64) -> f64 {
         return given;
     }
     let edges = mesh.edges().vertices;
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let lengths = edges.iter().map(|&[a, b]| (place(b) - place(a)).norm());
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    let lengths = edges.iter().map(|&[a, b]| (place(b, mesh) - place(a, mesh)).norm());
     lengths.sum::<f64>() / edges.len().max(1) as f64
 }
 
 /// About how many triangles the surface is made of that have such edges; a long needle has little area, but is cut often.
 fn count(mesh: &Mesh, length: f64) -> f64 {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let of_face = |face: &[u32]| {
-        let next = face[1..].iter().chain(&face[..1]);
-        let longest = face.iter().zip(next).map(|(&a, &b)| (place(b) - place(a)).norm());
-        let longest = longest.fold(0.0, f64::max);
-        let by_area = mesh.area_vector(face).norm() / (0.75_f64.sqrt() / 2.0 * length * length);
-        if longest > length { by_area.max(longest / length) } else { by_area }
-    };
-    if area(mesh) > 0.0 { mesh.faces().iter().map(of_face).sum() } else { 0.0 }
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    if area(mesh) > 0.0 {
+        mesh.faces()
+            .iter()
+            .map(|face| {
+                let next = face[1..].iter().chain(&face[..1]);
+                let longest =
+                    face.iter().zip(next).map(|(&a, &b)| (place(b, mesh) - place(a, mesh)).norm());
+                let longest = longest.fold(0.0, f64::max);
+                let by_area =
+                    mesh.area_vector(face).norm() / (0.75_f64.sqrt() / 2.0 * length * length);
+                if longest > length { by_area.max(longest / length) } else { by_area }
+            })
+            .sum()
+    } else {
+        0.0
+    }
 }
 
 fn area(mesh: &Mesh) -> f64 {
@@ -185,7 +199,7 @@ fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), Can
 /// The edges of certain squared lengths, by half-edge, the shortest first.
 fn edges(net: &Net, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32)> {
     let edges = net.edges().map(|h| (net.square(h), h));
-    let mut edges = Vec::from_iter(edges.filter(|(square, _)| wanted(*square)));
+    let mut edges: Vec<_> = edges.filter(|(square, _)| wanted(*square)).collect();
     edges.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     edges
 }
@@ -222,17 +236,19 @@ fn collapse(
 
 /// Flips edges where that brings the valences of the four vertices around nearer to what they should be.
 fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
-    let off = |vertex: u32, net: &Net| match net.leaving[vertex as usize] {
-        NONE => 0,
-        _ => {
-            let (mut count, mut is_border) = (0, false);
-            net.visit_neighbors(vertex, |_, h| {
-                count += 1;
-                is_border |= net.twin(h) == NONE;
-            });
-            count - if is_border { 4 } else { 6 }
+    fn off(vertex: u32, net: &Net) -> i32 {
+        match net.leaving[vertex as usize] {
+            NONE => 0,
+            _ => {
+                let (mut count, mut is_border) = (0, false);
+                net.visit_neighbors(vertex, |_, h| {
+                    count += 1;
+                    is_border |= net.twin(h) == NONE;
+                });
+                count - if is_border { 4 } else { 6 }
+            }
         }
-    };
+    }
     let vertices = (0..net.places.len() as u32).into_par_iter().with_min_len(1024);
     let still = &*net;
     let mut offs: Vec<i32> = vertices.map(|vertex| off(vertex, still)).collect();
@@ -263,28 +279,32 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
 
 /// Moves vertices to the middle of what is around them, on the surface and on its features.
 fn relax(net: &mut Net, original: &Original<'_>, progress: &Progress<'_>) -> Result<(), Cancelled> {
-    let of_kind = |kind: Kind| {
+    fn of_kind(kind: Kind, net: &Net) -> Vec<u32> {
         let vertices = 0..net.places.len() as u32;
         let is_there =
             |&vertex: &u32| net.kind(vertex) == kind && net.leaving[vertex as usize] != NONE;
-        Vec::from_iter(vertices.filter(is_there))
-    };
-    let (smooth, curved) = (of_kind(Kind::Smooth), of_kind(Kind::Curve));
+        vertices.filter(is_there).collect::<Vec<_>>()
+    }
+    let (smooth, curved) = (of_kind(Kind::Smooth, net), of_kind(Kind::Curve, net));
     let still = &*net;
-    let middle = |&vertex: &u32| {
-        let at = still.place(vertex);
-        let (normal, middle) = still.around(vertex);
-        let normal = normal.try_normalize(0.0).unwrap_or_default();
-        let way = middle - at;
-        (at + (way - normal * normal.dot(&way)), normal)
-    };
-    let (targets, normals): (Vec<Point3<f64>>, Vec<_>) =
-        smooth.par_iter().with_min_len(256).map(middle).unzip();
-    let between = |&vertex: &u32| match still.along_curve(vertex) {
-        Some([a, b]) => nalgebra::center(&still.place(a), &still.place(b)),
-        None => still.place(vertex),
-    };
-    let curve_targets = Vec::from_iter(curved.iter().map(between));
+    let (targets, normals): (Vec<Point3<f64>>, Vec<_>) = smooth
+        .par_iter()
+        .with_min_len(256)
+        .map(|&vertex| {
+            let at = still.place(vertex);
+            let (normal, middle) = still.around(vertex);
+            let normal = normal.try_normalize(0.0).unwrap_or_default();
+            let way = middle - at;
+            (at + (way - normal * normal.dot(&way)), normal)
+        })
+        .unzip();
+    let curve_targets: Vec<_> = curved
+        .iter()
+        .map(|&vertex| match still.along_curve(vertex) {
+            Some([a, b]) => nalgebra::center(&still.place(a), &still.place(b)),
+            None => still.place(vertex),
+        })
+        .collect();
     progress.check()?;
     let found = original.on_surface(&targets);
     progress.check()?;

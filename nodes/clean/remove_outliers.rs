@@ -4,7 +4,6 @@ use maquette_base::tree::Tree;
 use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use maquette_scan::Scan;
 use maquette_value::parallel::*;
-use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -95,7 +94,7 @@ impl Node for RemoveOutliers {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scan = cx.get(&self.mesh);
         let apart = outliers(&scan, self.by, cx.progress())?;
-        let kept = scan.only(&Vec::from_iter(apart.iter().map(|apart| !apart)));
+        let kept = scan.only(&apart.iter().map(|apart| !apart).collect::<Vec<_>>());
         if kept.count() == 0 && scan.count() > 0 {
             cx.warn(format!("nothing is left of {} {}", scan.places().len(), scan.elements()));
         }
@@ -129,8 +128,8 @@ pub fn outliers(
         _ => {}
     }
     let places = scan.places();
-    let there = Vec::from_iter((0..places.len()).filter(|&place| !places[place].x.is_nan()));
-    let points = Vec::from_iter(there.iter().map(|&place| places[place]));
+    let there: Vec<_> = (0..places.len()).filter(|&place| !places[place].x.is_nan()).collect();
+    let points: Vec<_> = there.iter().map(|&place| places[place]).collect();
     let tree = Tree::new(&points);
     progress.tick(0.2)?;
     // Each point is the first of those near to itself.
@@ -144,8 +143,10 @@ pub fn outliers(
             })?;
             let number = means.len().max(1) as f64;
             let mean = means.par_iter().copied().sum::<f64>() / number;
-            let square = |mean_of_one: &f64| (mean_of_one - mean) * (mean_of_one - mean);
-            let squares: f64 = means.par_iter().map(square).sum();
+            let squares: f64 = means
+                .par_iter()
+                .map(|mean_of_one| (mean_of_one - mean) * (mean_of_one - mean))
+                .sum();
             let most = mean + ratio * (squares / (number - 1.0).max(1.0)).sqrt();
             there.iter().zip(means).for_each(|(&place, mean)| apart[place] = most < mean);
         }
@@ -172,11 +173,13 @@ fn of_each<T: Copy + Default + Send>(
     let (mut seen, see) = (vec![T::default(); tree.points().len()], &see);
     for (batch, points) in tree.points().chunks(BATCH).enumerate() {
         progress.tick(0.2 + 0.8 * (batch * BATCH) as f64 / seen.len() as f64)?;
-        let near = |squares: &mut Vec<f64>, (at, number): &(Point3<f64>, u32)| {
-            tree.nearest_squares(at, count, squares);
-            (*number, see(squares))
-        };
-        let found: Vec<(u32, T)> = points.par_iter().map_init(Vec::new, near).collect();
+        let found: Vec<(u32, T)> = points
+            .par_iter()
+            .map_init(Vec::new, |squares: &mut Vec<f64>, (at, number)| {
+                tree.nearest_squares(at, count, squares);
+                (*number, see(squares))
+            })
+            .collect();
         found.into_iter().for_each(|(number, it)| seen[number as usize] = it);
     }
     Ok(seen)
@@ -186,6 +189,7 @@ fn of_each<T: Copy + Default + Send>(
 mod tests {
     use maquette_value::random::Random;
     use maquette_value::{Attribute, Faces, Mesh, Points, RangeImage};
+    use nalgebra::Point3;
 
     use super::*;
 
@@ -214,7 +218,7 @@ mod tests {
             assert_eq!(apart(&scan, by), FLYING, "{by:?}");
         }
         let kept = outliers(&scan, Outliers::default(), &Progress::none()).unwrap();
-        let kept = scan.only(&Vec::from_iter(kept.iter().map(|apart| !apart)));
+        let kept = scan.only(&kept.iter().map(|apart| !apart).collect::<Vec<_>>());
         let Scan::Points(points) = kept else { panic!("points") };
         let Some(Attribute::Index(numbers)) = points.attributes().get("number") else { panic!() };
         assert_eq!((numbers.len(), numbers[100]), (400, 101));
@@ -226,7 +230,9 @@ mod tests {
         let line = [0.0, 1.0, 2.0, 3.0, 4.0, 12.0].map(|x| Point3::new(x, 0.0, 0.0));
         let scan = Scan::Points(Points::new(line.to_vec()).unwrap());
         // Their mean is 2.4167 and their deviation 2.9903, so that 8.5 is 2.0343 deviations above.
-        let by = |ratio| Outliers::Spread { neighbors: 2, ratio };
+        fn by(ratio: f64) -> Outliers {
+            Outliers::Spread { neighbors: 2, ratio }
+        }
         assert_eq!(apart(&scan, by(2.034)), [5]);
         assert!(apart(&scan, by(2.035)).is_empty());
     }
@@ -241,19 +247,25 @@ mod tests {
         let mesh = Scan::Mesh(Mesh::new(cloud(), Faces::triangles(faces)).unwrap());
         assert_eq!(apart(&mesh, Outliers::default()), FLYING);
         let kept = outliers(&mesh, Outliers::default(), &Progress::none()).unwrap();
-        assert_eq!(mesh.only(&Vec::from_iter(kept.iter().map(|apart| !apart))).count(), 1);
+        assert_eq!(mesh.only(&kept.iter().map(|apart| !apart).collect::<Vec<_>>()).count(), 1);
     }
 
     #[test]
     fn little_and_equal_points_stay_and_wrong_numbers_are_told() {
-        let of = |points: Vec<Point3<f64>>| Scan::Points(Points::new(points).unwrap());
+        fn of(points: Vec<Point3<f64>>) -> Scan {
+            Scan::Points(Points::new(points).unwrap())
+        }
         for count in [0, 1, 2, 50] {
             assert!(apart(&of(vec![Point3::origin(); count]), Outliers::default()).is_empty());
         }
-        let run = |by| outliers(&of(cloud()), by, &Progress::none()).unwrap_err();
+        fn run(by: Outliers) -> OutliersError {
+            outliers(&of(cloud()), by, &Progress::none()).unwrap_err()
+        }
         assert_eq!(run(Outliers::Spread { neighbors: 0, ratio: 1.0 }), OutliersError::Neighbors(0));
         assert_eq!(run(Outliers::Spread { neighbors: 2, ratio: -1.0 }), OutliersError::Ratio(-1.0));
-        let radius = |radius| Outliers::Radius { radius, neighbors: 2 };
+        fn radius(radius: f64) -> Outliers {
+            Outliers::Radius { radius, neighbors: 2 }
+        }
         assert_eq!(run(radius(0.0)), OutliersError::Radius(0.0));
         assert!(matches!(run(radius(f64::NAN)), OutliersError::Radius(_)));
     }
@@ -263,11 +275,11 @@ mod tests {
         let mut random = Random(4);
         let points = (0..70_000).map(|_| Point3::from([0; 3].map(|_| random.even())));
         let scan = Scan::Points(Points::new(Vec::from_iter(points)).unwrap());
-        let run = |threads| {
+        fn run(threads: usize, scan: &Scan) -> Vec<usize> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| apart(&scan, Outliers::default()))
-        };
-        let one = run(1);
-        assert!(one.len() > 500 && [2, 3].iter().all(|&threads| run(threads) == one));
+            pool.install(|| apart(scan, Outliers::default()))
+        }
+        let one = run(1, &scan);
+        assert!(one.len() > 500 && [2, 3].iter().all(|&threads| run(threads, &scan) == one));
     }
 }

@@ -12,41 +12,47 @@ pub(crate) fn cube() -> Mesh {
     let quads =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let corners = quads.concat();
-    Mesh::new(Vec::from_iter((0..8).map(at)), Faces::uniform(4, corners).unwrap()).unwrap()
+    Mesh::new((0..8).map(at).collect::<Vec<_>>(), Faces::uniform(4, corners).unwrap()).unwrap()
 }
 
 /// A sheet of `n` by `n` quads over a square with the side 10, lifted by `height`.
 pub(crate) fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let at = |k: u32| {
-        let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| 10.0 * f64::from(k) / f64::from(n));
-        Point3::new(x, y, height(x, y))
-    };
     let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
     let faces = cells.flat_map(|a| [a, a + 1, a + n + 2, a + n + 1]);
-    let places = Vec::from_iter((0..(n + 1) * (n + 1)).map(at));
+    let places: Vec<_> = (0..(n + 1) * (n + 1))
+        .map(|k: u32| {
+            let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| 10.0 * f64::from(k) / f64::from(n));
+            Point3::new(x, y, height(x, y))
+        })
+        .collect();
     Mesh::new(places, Faces::uniform(4, Vec::from_iter(faces)).unwrap()).unwrap()
 }
 
 /// A ball with the radius 10 whose triangles crowd at its poles.
 pub(crate) fn ball(n: u32) -> Mesh {
-    let ring = |row: u32| {
+    let mut places = vec![Point3::new(0.0, 0.0, 10.0), Point3::new(0.0, 0.0, -10.0)];
+    places.extend((1..n).flat_map(|row: u32| {
         (0..2 * n).map(move |k| {
             let [u, v] =
                 [f64::from(k), f64::from(row)].map(|x| x * std::f64::consts::PI / f64::from(n));
             let radius = 10.0 * libm::sin(v);
             Point3::new(radius * libm::cos(u), radius * libm::sin(u), 10.0 * libm::cos(v))
         })
-    };
-    let mut places = vec![Point3::new(0.0, 0.0, 10.0), Point3::new(0.0, 0.0, -10.0)];
-    places.extend((1..n).flat_map(ring));
-    let name = |row: u32, k: u32| 2 + (row - 1) * 2 * n + k % (2 * n);
+    }));
+    fn name(row: u32, k: u32, n: u32) -> u32 {
+        2 + (row - 1) * 2 * n + k % (2 * n)
+    }
     let mut faces = Vec::new();
     for k in 0..2 * n {
-        faces.push([0, name(1, k), name(1, k + 1)]);
-        faces.push([1, name(n - 1, k + 1), name(n - 1, k)]);
+        faces.push([0, name(1, k, n), name(1, k + 1, n)]);
+        faces.push([1, name(n - 1, k + 1, n), name(n - 1, k, n)]);
         for row in 1..n - 1 {
-            let [a, b, c, d] =
-                [name(row, k), name(row + 1, k), name(row + 1, k + 1), name(row, k + 1)];
+            let [a, b, c, d] = [
+                name(row, k, n),
+                name(row + 1, k, n),
+                name(row + 1, k + 1, n),
+                name(row, k + 1, n),
+            ];
             faces.extend([[a, b, c], [a, c, d]]);
         }
     }
@@ -60,12 +66,15 @@ pub(crate) fn area(mesh: &Mesh) -> f64 {
 
 /// In mm^3, of a closed mesh.
 pub(crate) fn volume(mesh: &Mesh) -> f64 {
-    let place = |vertex: u32| mesh.positions()[vertex as usize].coords;
-    let of_triangle = |[a, b, c]: [u32; 3]| place(a).dot(&place(b).cross(&place(c))) / 6.0;
-    let fans = mesh
-        .faces()
-        .iter()
-        .flat_map(|face| (1..face.len() - 1).map(|k| of_triangle([face[0], face[k], face[k + 1]])));
+    fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Vector3<f64> {
+        mesh.positions()[vertex as usize].coords
+    }
+    fn of_triangle([a, b, c]: [u32; 3], mesh: &Mesh) -> f64 {
+        place(a, mesh).dot(&place(b, mesh).cross(&place(c, mesh))) / 6.0
+    }
+    let fans = mesh.faces().iter().flat_map(|face| {
+        (1..face.len() - 1).map(|k| of_triangle([face[0], face[k], face[k + 1]], mesh))
+    });
     fans.sum()
 }
 
@@ -80,10 +89,14 @@ pub(crate) fn even_ball(steps: u32) -> Mesh {
             places.push(Point3::from(place));
         }
     }
-    let is_near = |a: usize, b: usize| (places[a] - places[b]).norm() < 2.1;
+    fn is_near(a: usize, b: usize, places: &[Point3<f64>]) -> bool {
+        (places[a] - places[b]).norm() < 2.1
+    }
     let mut faces = Vec::new();
     for (a, b) in (0..12).flat_map(|a| (a + 1..12).map(move |b| (a, b))) {
-        for c in (b + 1..12).filter(|&c| is_near(a, b) && is_near(b, c) && is_near(c, a)) {
+        for c in (b + 1..12)
+            .filter(|&c| is_near(a, b, &places) && is_near(b, c, &places) && is_near(c, a, &places))
+        {
             let [p, q, r] = [a, b, c].map(|k| places[k].coords);
             let is_outside = p.dot(&q.cross(&r)) > 0.0;
             faces.push((if is_outside { [a, b, c] } else { [a, c, b] }).map(|k| k as u32));
@@ -91,17 +104,28 @@ pub(crate) fn even_ball(steps: u32) -> Mesh {
     }
     for _ in 0..steps {
         let mut middles = BTreeMap::new();
-        let mut middle = |a: u32, b: u32| {
+        fn middle(
+            a: u32,
+            b: u32,
+            middles: &mut BTreeMap<[u32; 2], u32>,
+            places: &mut Vec<Point3<f64>>,
+        ) -> u32 {
             *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
                 places.push(nalgebra::center(&places[a as usize], &places[b as usize]));
                 places.len() as u32 - 1
             })
-        };
-        let split = |[a, b, c]: [u32; 3]| {
-            let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
-            [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
-        };
-        faces = faces.into_iter().flat_map(split).collect();
+        }
+        faces = faces
+            .into_iter()
+            .flat_map(|[a, b, c]: [u32; 3]| {
+                let [ab, bc, ca] = [
+                    middle(a, b, &mut middles, &mut places),
+                    middle(b, c, &mut middles, &mut places),
+                    middle(c, a, &mut middles, &mut places),
+                ];
+                [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+            })
+            .collect();
         places.iter_mut().for_each(|place| *place = Point3::from(place.coords.normalize() * 10.0));
     }
     Mesh::new(places, Faces::triangles(faces)).unwrap()

@@ -122,9 +122,10 @@ pub fn smooth(
     }
     let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
     let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
-    let mut curves = Vec::from_iter(
-        borders.map(|(&[a, b], _)| [a.min(b), a.max(b)]).chain(creases.map(|(ends, _)| ends)),
-    );
+    let mut curves: Vec<_> = borders
+        .map(|(&[a, b], _)| [a.min(b), a.max(b)])
+        .chain(creases.map(|(ends, _)| ends))
+        .collect();
     curves.sort_unstable();
     curves.dedup();
     let mut on_curves = vec![0u32; mesh.positions().len()];
@@ -140,7 +141,7 @@ pub fn smooth(
                 ends.iter().for_each(|&end| along.add_mass(end, span / 2.0));
             }
         }
-        let is_free = Vec::from_iter(on_curves.iter().map(|&count| count == 2));
+        let is_free: Vec<_> = on_curves.iter().map(|&count| count == 2).collect();
         progress.part(0.0..0.2, |progress| along.apply(&mut places, &is_free, length, progress))?;
     }
     let mut surface = Filter::new(places.len());
@@ -149,7 +150,7 @@ pub fn smooth(
             add_triangle(&mut surface, [face[0], face[k], face[k + 1]], place);
         }
     }
-    let is_free = Vec::from_iter(on_curves.iter().map(|&count| count == 0));
+    let is_free: Vec<_> = on_curves.iter().map(|&count| count == 0).collect();
     progress.part(0.2..1.0, |progress| surface.apply(&mut places, &is_free, length, progress))?;
     Ok(mesh.with_positions(places)?)
 }

@@ -80,8 +80,8 @@ fn misfit(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     for (face, corners) in triangles_of_faces(mesh) {
         let [a, b, c] = corners.map(|it| Vector2::from(uv[it as usize]));
         let twice = (b - a).perp(&(c - a));
-        let place = |it: u32| mesh.positions()[mesh.faces().corners()[it as usize] as usize];
-        let [p, q, r] = corners.map(place);
+        let [p, q, r] =
+            corners.map(|it: u32| mesh.positions()[mesh.faces().corners()[it as usize] as usize]);
         if twice == 0.0 {
             if (q - p).cross(&(r - p)).norm() > 0.0 {
                 return Some(format!("face {face} has no area"));
@@ -147,24 +147,34 @@ impl Texels {
         let uv = mesh.corner().pairs("uv").expect("texture coordinates");
         let size = [width as f64, height as f64];
         let triangles = mesh.triangle_corners();
-        let corners = |triangle: &[u32; 3]| {
+        fn corners(
+            triangle: &[u32; 3],
+            size: [f64; 2],
+            uv: &maquette_value::Column<[f64; 2]>,
+        ) -> [Vector2<f64>; 3] {
             triangle.map(|it| {
                 Vector2::new(uv[it as usize][0] * size[0], (1.0 - uv[it as usize][1]) * size[1])
             })
-        };
+        }
         let mut nearest = vec![(NONE, f32::INFINITY); width * height];
         let mut since = 0;
         for (number, triangle) in (0u32..).zip(&triangles) {
-            let corners = corners(triangle);
+            let corners = corners(triangle, size, uv);
             let [a, b, c] = corners;
-            let range = |axis: usize, most: usize| {
+            fn range(
+                axis: usize,
+                most: usize,
+                a: Vector2<f64>,
+                b: Vector2<f64>,
+                c: Vector2<f64>,
+            ) -> std::ops::Range<usize> {
                 let low = a[axis].min(b[axis]).min(c[axis]) - BESIDE - 0.5;
                 let high = a[axis].max(b[axis]).max(c[axis]) + BESIDE - 0.5;
                 low.ceil().clamp(0.0, most as f64) as usize
                     ..((high + 1.0).floor().clamp(0.0, most as f64) as usize)
-            };
-            let columns = range(0, width);
-            for row in range(1, height) {
+            }
+            let columns = range(0, width, a, b, c);
+            for row in range(1, height, a, b, c) {
                 since += columns.len();
                 for column in columns.clone() {
                     let center = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
@@ -184,7 +194,7 @@ impl Texels {
         for (pixel, &(triangle, distance)) in nearest.iter().enumerate().filter(|it| it.1.0 != NONE)
         {
             let center = Vector2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-            let shares = foot(corners(&triangles[triangle as usize]), center).1;
+            let shares = foot(corners(&triangles[triangle as usize], size, uv), center).1;
             texels.push(Texel {
                 pixel: pixel as u32,
                 triangle,
@@ -219,7 +229,7 @@ impl Texels {
             rows.flat_map(move |row| columns.clone().map(move |column| row * size + column))
         };
         let mut is_listed = is_known.clone();
-        let mut layer = Vec::from_iter(self.texels.iter().map(|texel| texel.pixel as usize));
+        let mut layer: Vec<_> = self.texels.iter().map(|texel| texel.pixel as usize).collect();
         while !layer.is_empty() {
             progress.check()?;
             let mut next = Vec::new();
@@ -262,8 +272,12 @@ fn foot([a, b, c]: [Vector2<f64>; 3], at: Vector2<f64>) -> (Vector2<f64>, [f64; 
         let along = if along.is_nan() { 0.0 } else { along };
         (from + side * along, [0, 1].map(|k| start[k] + (end[k] - start[k]) * along))
     });
-    let distance = |foot: &(Vector2<f64>, [f64; 2])| (foot.0 - at).norm_squared();
-    feet.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("three sides")
+    fn distance(foot: &(Vector2<f64>, [f64; 2]), at: Vector2<f64>) -> f64 {
+        (foot.0 - at).norm_squared()
+    }
+    feet.into_iter()
+        .min_by(|a, b| distance(a, at).total_cmp(&distance(b, at)))
+        .expect("three sides")
 }
 
 #[cfg(test)]
@@ -295,7 +309,9 @@ mod tests {
                 .map(|it| mesh.positions()[mesh.faces().corners()[it as usize] as usize].coords);
             let shares = texel.shares();
             let place = places[0] * shares[0] + places[1] * shares[1] + places[2] * shares[2];
-            let center = |k: u32| ((f64::from(k) + 0.5) / 8.0).clamp(0.25, 0.75);
+            fn center(k: u32) -> f64 {
+                ((f64::from(k) + 0.5) / 8.0).clamp(0.25, 0.75)
+            }
             assert!(
                 (place.x - center(column)).abs() < 1e-6 && (place.y - center(7 - row)).abs() < 1e-6
             );
@@ -312,7 +328,7 @@ mod tests {
 
     #[test]
     fn own_coordinates_count_only_if_they_are_an_atlas() {
-        let told = |mesh: &Mesh| {
+        fn told(mesh: &Mesh) -> String {
             let doubts = std::cell::RefCell::new(Vec::new());
             let doubt = |text| doubts.borrow_mut().push(text);
             let found =
@@ -323,7 +339,7 @@ mod tests {
                 corner_uv(mesh).is_none_or(|own| Some(own) == corner_uv(&found))
             );
             doubts.borrow().join("; ")
-        };
+        }
         assert_eq!(told(&square(0.25, 0.75)), "");
         assert_eq!(told(&square(0.25, 0.75).without("uv")), "");
         let text = "the mesh gets new texture coordinates: in its own ones";
@@ -331,9 +347,9 @@ mod tests {
             told(&square(0.25, 1.5)),
             format!("{text} (1.5, 0.25) is not in the square from (0, 0) to (1, 1)")
         );
-        let with = |uv: [[f64; 2]; 4]| {
+        fn with(uv: [[f64; 2]; 4]) -> Mesh {
             square(0.0, 1.0).with_corner("uv", Attribute::Pair(uv.to_vec().into())).unwrap()
-        };
+        }
         assert_eq!(told(&with([[0.5; 2]; 4])), format!("{text} face 0 has no area"));
         assert_eq!(
             told(&with([[0., 0.], [1., 0.], [1., 1.], [0.9, 0.1]])),

@@ -85,7 +85,7 @@ impl Node for Bake {
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let captures = Vec::from_iter(self.captures.iter().map(|capture| cx.get(capture)));
+        let captures: Vec<_> = self.captures.iter().map(|capture| cx.get(capture)).collect();
         let mesh = cx.get(&self.mesh);
         let Self { layout, coordinates, how, .. } = self;
         let known = captures.iter().filter(|it| pose(it).is_some()).count();
@@ -183,15 +183,17 @@ pub fn bake(
     progress
         .part(0.6..0.8, |progress| plan.level(&mut samples, captures.len(), how.level, progress))?;
     let steps = [before, plan.difference(&samples)];
-    let mixed = Vec::from_iter(
-        (0..spots.len())
-            .map(|texel| mix(of_texels.of(texel).iter().map(|&it| &samples[it as usize]))),
-    );
+    let mixed: Vec<_> = (0..spots.len())
+        .map(|texel| mix(of_texels.of(texel).iter().map(|&it| &samples[it as usize])))
+        .collect();
     let filled = progress.part(0.8..0.95, |progress| plan.fill(&mixed, progress))?;
-    let color = |(seen, filled): (&Mixed, &[f64; 3])| -> Rgb {
-        color_of([0, 1, 2].map(|k| seen.sure * seen.light[k] + (1.0 - seen.sure) * filled[k]))
-    };
-    let colors = Vec::from_iter(mixed.iter().zip(&filled).map(color));
+    let colors: Vec<_> = mixed
+        .iter()
+        .zip(&filled)
+        .map(|(seen, filled): (&Mixed, &[f64; 3])| -> Rgb {
+            color_of([0, 1, 2].map(|k| seen.sure * seen.light[k] + (1.0 - seen.sure) * filled[k]))
+        })
+        .collect();
     let picture = texels.picture(&colors, progress)?;
     let mut mask = vec![0; size * size];
     let (mut unseen, mut all) = (0.0, 0.0);
@@ -218,7 +220,7 @@ fn pose(mesh: &Mesh) -> Option<Matrix4<f64>> {
 /// How each capture moves to where the mesh lies. A mesh without a frame lies in the world, one with a frame where its camera says.
 fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<f64>>, BakeError> {
     let stay = vec![Matrix4::identity(); captures.len()];
-    let known = Vec::from_iter(captures.iter().map(|capture| pose(capture)));
+    let known: Vec<_> = captures.iter().map(|capture| pose(capture)).collect();
     let nowhere = known.iter().position(Option::is_none);
     let own = match mesh.frame() {
         None => Some(Matrix4::identity()),

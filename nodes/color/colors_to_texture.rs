@@ -71,8 +71,9 @@ impl Node for ColorsToTexture {
         let atlas =
             |progress: &Progress<'_>| with_atlas(mesh, *coordinates, layout, &doubt, progress);
         let mesh = cx.progress().part(0.0..0.6, atlas)?;
-        let draw = |progress: &Progress<'_>| colors_to_texture(&mesh, layout.size, progress);
-        let mesh = cx.progress().part(0.6..1.0, draw)?;
+        let mesh = cx
+            .progress()
+            .part(0.6..1.0, |progress| colors_to_texture(&mesh, layout.size, progress))?;
         let picture = mesh.texture().expect("a picture that was just drawn").clone();
         Ok((mesh, picture))
     }
@@ -93,15 +94,19 @@ pub fn colors_to_texture(
 ) -> Result<Mesh, ColorsToTextureError> {
     let colors = corner_colors(mesh)?;
     let texels = Texels::new(mesh, [size, size], progress)?;
-    let color = |texel: &super::atlas::Texel| {
-        let corners = texels.triangles[texel.triangle as usize].map(|it| colors[it as usize]);
-        let shares = texel.shares();
-        [0, 1, 2].map(|k| {
-            let mixed: f64 = (0..3).map(|it| shares[it] * f64::from(corners[it][k])).sum();
-            mixed.round() as u8
+    let drawn: Vec<Rgb> = texels
+        .texels
+        .par_iter()
+        .with_min_len(4096)
+        .map(|texel| {
+            let corners = texels.triangles[texel.triangle as usize].map(|it| colors[it as usize]);
+            let shares = texel.shares();
+            [0, 1, 2].map(|k| {
+                let mixed: f64 = (0..3).map(|it| shares[it] * f64::from(corners[it][k])).sum();
+                mixed.round() as u8
+            })
         })
-    };
-    let drawn: Vec<Rgb> = texels.texels.par_iter().with_min_len(4096).map(color).collect();
+        .collect();
     Ok(mesh.clone().without("color").with_texture(Some(texels.picture(&drawn, progress)?)))
 }
 

@@ -134,7 +134,9 @@ impl Layout {
     /// If a parameter is out of its range.
     pub(crate) fn check(&self) -> Result<(), LayoutError> {
         SIZE.check("the atlas", self.size as f64)?;
-        let wrong = |what, value, must| Err(LayoutError::Parameter { what, value, must });
+        fn wrong(what: &'static str, value: f64, must: &'static str) -> Result<(), LayoutError> {
+            Err(LayoutError::Parameter { what, value, must })
+        }
         if self.size < 16 {
             return wrong("size", self.size as f64, "at least 16 px");
         }
@@ -180,13 +182,16 @@ pub fn lay_out(
     let segments = progress
         .part(0.0..0.5, |progress| segment(mesh, &surface.opposites, flatness, progress))?;
     progress.tick(0.5)?;
-    let settle = |faces: &Vec<u32>| surface.settle(faces.clone(), progress);
-    let charts = segments.par_iter().map(settle).collect::<Result<Vec<_>, Cancelled>>()?;
-    let charts = Vec::from_iter(charts.into_iter().flatten());
+    let charts = segments
+        .par_iter()
+        .map(|faces| surface.settle(faces.clone(), progress))
+        .collect::<Result<Vec<_>, Cancelled>>()?;
+    let charts: Vec<_> = charts.into_iter().flatten().collect();
     progress.tick(0.8)?;
-    let pieces = Vec::from_iter(
-        charts.iter().map(|chart| Piece { triangles: &chart.triangles, flat: chart.flat.clone() }),
-    );
+    let pieces: Vec<_> = charts
+        .iter()
+        .map(|chart| Piece { triangles: &chart.triangles, flat: chart.flat.clone() })
+        .collect();
     let Layout { size, padding, .. } = *layout;
     let packed = pack(&pieces, size, padding, progress).map_err(|error| match error {
         PackError::Full => LayoutError::Full { charts: charts.len(), padding, size },
@@ -306,25 +311,33 @@ impl Surface<'_> {
             .fold((chart.flat[0], chart.flat[0]), |(low, high), at| (low.inf(at), high.sup(at)));
         let axis = (high - low).imax();
         let mut corners = chart.corners.iter();
-        let mut sorted = Vec::from_iter(chart.faces.iter().map(|&face| {
-            let count = self.mesh.faces().face(face as usize).len();
-            let sum: f64 =
-                corners.by_ref().take(count).map(|&it| chart.flat[it as usize][axis]).sum();
-            (sum / count as f64, face)
-        }));
+        let mut sorted: Vec<_> = chart
+            .faces
+            .iter()
+            .map(|&face| {
+                let count = self.mesh.faces().face(face as usize).len();
+                let sum: f64 =
+                    corners.by_ref().take(count).map(|&it| chart.flat[it as usize][axis]).sum();
+                (sum / count as f64, face)
+            })
+            .collect();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let halves = sorted.split_at(sorted.len() / 2);
-        let half = |it: &[(f64, u32)]| self.pieces(Vec::from_iter(it.iter().map(|it| it.1)));
+        let half = |it: &[(f64, u32)]| self.pieces(it.iter().map(|it| it.1).collect::<Vec<_>>());
         [half(halves.0), half(halves.1)].concat()
     }
 
     /// Those of some faces that are marked or have a neighbor that is.
     fn with_neighbors(&self, faces: &[u32], is_marked: &[bool]) -> Vec<bool> {
-        let is_near = |(own, &face): (usize, &u32)| {
-            let mut around = self.neighbors(face).filter_map(|it| faces.binary_search(&it).ok());
-            is_marked[own] || around.any(|it| is_marked[it])
-        };
-        faces.iter().enumerate().map(is_near).collect()
+        faces
+            .iter()
+            .enumerate()
+            .map(|(own, &face)| {
+                let mut around =
+                    self.neighbors(face).filter_map(|it| faces.binary_search(&it).ok());
+                is_marked[own] || around.any(|it| is_marked[it])
+            })
+            .collect()
     }
 
     /// The faces beyond the sides of one.

@@ -15,11 +15,12 @@ fn colors_go_into_a_picture_and_come_back() {
     let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
     let faces = cells.flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]);
     let mesh = Mesh::new(places.collect::<Vec<_>>(), Faces::triangles(faces.collect())).unwrap();
-    let color = |k: u32| {
-        let [x, y] = at(k).map(|x| (100.0 + 90.0 * x) as u8);
-        [x, y, if x < y { 250 } else { 20 }]
-    };
-    let colors = Vec::from_iter((0..(n + 1) * (n + 1)).map(color));
+    let colors: Vec<_> = (0..(n + 1) * (n + 1))
+        .map(|k: u32| {
+            let [x, y] = at(k).map(|x| (100.0 + 90.0 * x) as u8);
+            [x, y, if x < y { 250 } else { 20 }]
+        })
+        .collect();
     let mesh = mesh.with_vertex("color", Attribute::Color(colors.clone().into())).unwrap();
     let layout = Layout { size: 512, ..Layout::default() };
     let flat = lay_out(&mesh, &layout, &Progress::none()).unwrap().mesh;
@@ -28,7 +29,7 @@ fn colors_go_into_a_picture_and_come_back() {
         let back = texture_to_colors(&drawn, by, &Progress::none()).unwrap();
         let back = back.vertex().colors("color").unwrap().to_vec();
         let pairs = colors.as_flattened().iter().zip(back.as_flattened());
-        let off = Vec::from_iter(pairs.map(|(a, b)| f64::from(a.abs_diff(*b))));
+        let off: Vec<_> = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).collect();
         let (worst, sum) =
             off.iter().fold((0.0_f64, 0.0), |(worst, sum), x| (worst.max(*x), sum + x));
         assert!(

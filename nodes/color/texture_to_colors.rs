@@ -164,25 +164,31 @@ fn fitted(
         }
     }
     progress.tick(0.6)?;
-    let vertex = |triangle: usize, k: usize| corners[texels.triangles[triangle][k] as usize];
-    let mut right = Vec::from_iter(own.iter().map(|color| color.map(|x| x * OWN)));
+    fn vertex(
+        triangle: usize,
+        k: usize,
+        corners: &maquette_value::Column<u32>,
+        texels_triangles: &[[u32; 3]],
+    ) -> u32 {
+        corners[texels_triangles[triangle][k] as usize]
+    }
+    let mut right: Vec<_> = own.iter().map(|color| color.map(|x| x * OWN)).collect();
     let mut diagonal = vec![OWN; own.len()];
     for (triangle, (products, loads)) in sums.iter().enumerate() {
         for k in 0..3 {
-            let at = vertex(triangle, k) as usize;
+            let at = vertex(triangle, k, corners, &texels.triangles) as usize;
             (0..3).for_each(|channel| right[at][channel] += loads[k][channel]);
             diagonal[at] += products[k];
         }
     }
-    let beside = || {
+    let lists = Lists::group(own.len(), || {
         sums.iter().enumerate().flat_map(|(triangle, (products, _))| {
             PAIRS[3..].iter().zip(&products[3..]).flat_map(move |(&[i, j], &product)| {
-                let [a, b] = [i, j].map(|k| vertex(triangle, k));
+                let [a, b] = [i, j].map(|k| vertex(triangle, k, corners, &texels.triangles));
                 [(a, (b, product)), (b, (a, product))]
             })
         })
-    };
-    let lists = Lists::group(own.len(), beside);
+    });
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     for (vertex, &entry) in diagonal.iter().enumerate() {
         let mut row = lists.of(vertex).to_vec();
@@ -217,8 +223,9 @@ mod tests {
 
     /// A net of `n` by `n` squares that fills the picture.
     fn net(n: u32, picture: Image) -> Mesh {
-        let at = |k: u32| [k % (n + 1), k / (n + 1)].map(|x| f64::from(x) / f64::from(n));
-        let uv = Vec::from_iter((0..(n + 1) * (n + 1)).map(at));
+        let uv: Vec<_> = (0..(n + 1) * (n + 1))
+            .map(|k: u32| [k % (n + 1), k / (n + 1)].map(|x| f64::from(x) / f64::from(n)))
+            .collect();
         let places = uv.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect::<Vec<_>>();
         let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
         let quads = cells.flat_map(|a| [a, a + 1, a + n + 2, a + n + 1]);
@@ -270,9 +277,9 @@ mod tests {
     fn what_has_no_picture_is_told() {
         let picture = Image::new(1, 1, vec![[0; 3]]).unwrap();
         let mesh = net(1, picture);
-        let told = |mesh: Mesh| {
+        fn told(mesh: Mesh) -> String {
             texture_to_colors(&mesh, Sampling::Area, &Progress::none()).unwrap_err().to_string()
-        };
+        }
         assert!(told(mesh.clone().with_texture(None)).starts_with("the mesh has no picture: put"));
         let text = "the mesh has no texture coordinates `uv`, by which its 4 vertices could find their colors in the picture";
         assert_eq!(told(mesh.without("uv")), text);

@@ -82,8 +82,12 @@ impl Node for Ffd {
             return Err(FieldError::new("mode", FfdError::Background { background }, help));
         }
         let handles = self.handles.len();
-        let is_lacking = |target: &&Target| handles <= target.handle as usize;
-        match self.targets.iter().find(is_lacking).filter(|_| self.layout.is_none()) {
+        match self
+            .targets
+            .iter()
+            .find(|target| handles <= target.handle as usize)
+            .filter(|_| self.layout.is_none())
+        {
             Some(&Target { handle, .. }) => {
                 let error = FfdError::NoHandle { handle: handle as usize, handles };
                 Err(FieldError::new("targets", error, "add the handle, or leave the target out"))
@@ -104,22 +108,37 @@ impl Node for Ffd {
         let what = cx.get(&self.mesh);
         let boxes = self.how.ends().then(|| cx.memo(&Places(column(&what)), Boxes::memo));
         let boxes = boxes.transpose()?;
-        let own = || boxes.as_ref().map_or_else(|| bounds(&what), Boxes::around);
         let frame = self.frame.as_ref().and_then(|frame| bounds(&cx.get(frame)));
-        let Some(frame) = frame.or_else(own) else { return Ok((what,)) };
+        let Some(frame) =
+            frame.or_else(|| boxes.as_ref().map_or_else(|| bounds(&what), Boxes::around))
+        else {
+            return Ok((what,));
+        };
         let how = Deforming { frame: Some(frame), ..self.how };
         let layout = self.layout.as_ref().map(|layout| cx.get(layout));
         let handles = self.all_handles(layout, frame)?;
         let targets = self.targets_in_world(frame)?;
         let (deformed, report) = if targets.is_empty() || how.ends() {
             let prepared = prepared(&handles, frame, self.mode, how)?.aimed(&targets, |_| true)?;
-            let system = |layout: &_| cx.memo(layout, System::memo);
-            deform(&what, &prepared, how, boxes.as_ref(), system, cx.progress())?
+            deform(
+                &what,
+                &prepared,
+                how,
+                boxes.as_ref(),
+                |layout| cx.memo(layout, System::memo),
+                cx.progress(),
+            )?
         } else {
-            let dragged = Vec::from_iter(targets.iter().map(|(handle, _)| *handle));
-            let system = |layout: &_| cx.memo(layout, System::memo);
-            let keep = |part: &_| cx.memo(part, drag::memo);
-            let drag = Drag::with(&what, &handles, &dragged, self.mode, how, system, keep)?;
+            let dragged: Vec<_> = targets.iter().map(|(handle, _)| *handle).collect();
+            let drag = Drag::with(
+                &what,
+                &handles,
+                &dragged,
+                self.mode,
+                how,
+                |layout| cx.memo(layout, System::memo),
+                |part| cx.memo(part, drag::memo),
+            )?;
             drag.to(&targets, cx.progress())?
         };
         report.warn(&what, frame, cx);
@@ -131,7 +150,7 @@ impl Ffd {
     fn all_handles(&self, layout: Option<&Handles>, frame: Bounds) -> Result<Handles, FfdError> {
         let own = Handles::new(self.space, &self.handles)?.in_world(frame)?;
         let Some(layout) = layout else { return Ok(own) };
-        let all = Vec::from_iter(layout.in_world(frame)?.iter().chain(own.iter()));
+        let all: Vec<_> = layout.in_world(frame)?.iter().chain(own.iter()).collect();
         Ok(Handles::new(HandleSpace::World, &all)?)
     }
 

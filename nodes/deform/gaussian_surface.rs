@@ -136,30 +136,43 @@ pub fn gaussian_surface(
     VERTICES.check("the surface", vertices([u, v]))?;
     let count = (u + 1) * (v + 1);
     let surface = coefficients(points, through)?;
-    let at = |index: usize| {
-        let (row, column) = (index / (v + 1), index % (v + 1));
-        Point3::new(row as f64 / u as f64, column as f64 / v as f64, 0.0)
-    };
-    let parameters: Vec<Point3<f64>> = (0..count).map(at).collect();
+    let parameters: Vec<Point3<f64>> = (0..count)
+        .map(|index: usize| {
+            let (row, column) = (index / (v + 1), index % (v + 1));
+            Point3::new(row as f64 / u as f64, column as f64 / v as f64, 0.0)
+        })
+        .collect();
     let mut places = vec![Point3::origin(); count];
     let mut slopes = vec![Matrix3::zeros(); count];
     let chunks = parameters.par_chunks(CHUNK).zip(places.par_chunks_mut(CHUNK));
     chunks.zip(slopes.par_chunks_mut(CHUNK)).for_each(|((parameters, places), slopes)| {
         surface.apply(&surface.terms, parameters, places, Some(slopes));
     });
-    let corner = |quad: usize| (quad / v * (v + 1) + quad % v) as u32;
-    let quad = |quad: usize| {
-        let (a, b) = (corner(quad), corner(quad) + v as u32 + 1);
-        [a, b, b + 1, a + 1]
-    };
-    let mesh = Mesh::new(places, Faces::uniform(4, Vec::from_iter((0..u * v).flat_map(quad)))?)?;
+    fn corner(quad: usize, v: usize) -> u32 {
+        (quad / v * (v + 1) + quad % v) as u32
+    }
+    let mesh = Mesh::new(
+        places,
+        Faces::uniform(
+            4,
+            (0..u * v)
+                .flat_map(|quad: usize| {
+                    let (a, b) = (corner(quad, v), corner(quad, v) + v as u32 + 1);
+                    [a, b, b + 1, a + 1]
+                })
+                .collect::<Vec<_>>(),
+        )?,
+    )?;
     let faces = mesh.vertex_normals();
-    let normal = |(slope, face): (&Matrix3<f64>, &Vector3<f64>)| {
-        // Where the surface is a point or an edge its faces must do.
-        let normal: Vector3<f64> = slope.column(0).cross(&slope.column(1));
-        normal.try_normalize(0.0).unwrap_or(*face).into()
-    };
-    let normals = slopes.iter().zip(&faces).map(normal).collect();
+    let normals = slopes
+        .iter()
+        .zip(&faces)
+        .map(|(slope, face): (&Matrix3<f64>, &Vector3<f64>)| {
+            // Where the surface is a point or an edge its faces must do.
+            let normal: Vector3<f64> = slope.column(0).cross(&slope.column(1));
+            normal.try_normalize(0.0).unwrap_or(*face).into()
+        })
+        .collect();
     let uv = parameters.iter().map(|at| [at.x, at.y]).collect();
     Ok(mesh
         .with_vertex("normal", Attribute::Vector(normals))?
@@ -180,13 +193,15 @@ const CHUNK: usize = 4096;
 
 /// The sum of Gaussians that is the surface.
 fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, FfdError> {
-    let handle = |point: &SurfacePoint| Handle {
-        at: [point.at[0], point.at[1], 0.0],
-        to: Some(point.to),
-        sigma: point.sigma.map(|[u, v]| [u, v, 1.0]),
-        weight: point.weight,
-    };
-    let handles = Vec::from_iter(points.iter().map(handle));
+    let handles: Vec<_> = points
+        .iter()
+        .map(|point| Handle {
+            at: [point.at[0], point.at[1], 0.0],
+            to: Some(point.to),
+            sigma: point.sigma.map(|[u, v]| [u, v, 1.0]),
+            weight: point.weight,
+        })
+        .collect();
     let handles = Handles::new(HandleSpace::World, &handles)?;
     let base = Base::keep(0.0);
     if !through {
@@ -196,8 +211,8 @@ fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, F
     }
     let prepared = prepare(&handles, SQUARE, Mode::Displacement, 0.0, 0.0)?;
     let system = System::new(&prepared.layout)?;
-    let solve = |axis: usize| system.solve(prepared.to.iter().map(|to| to[axis])).coefficients;
-    let [x, y, z] = [0, 1, 2].map(solve);
+    let [x, y, z] = [0, 1, 2]
+        .map(|axis: usize| system.solve(prepared.to.iter().map(|to| to[axis])).coefficients);
     let values = (0..x.len()).map(|index| [x[index], y[index], z[index]]).collect();
     Ok(Deformation::new(prepared.layout.gaussians(), values, base))
 }
@@ -212,7 +227,9 @@ mod tests {
 
     /// The nine points of algorithms.md, 9.7: a bump in the middle, with a deviation of its own.
     fn bump(middle: f64) -> Vec<SurfacePoint> {
-        let place = |k: usize| [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0];
+        fn place(k: usize) -> [f64; 2] {
+            [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0]
+        }
         (0..9)
             .map(|k| if k == 4 { point(place(k), 1.0, middle) } else { point(place(k), 0.0, 0.25) })
             .collect()
@@ -224,11 +241,17 @@ mod tests {
             [(0.25, 0.389_922_2), (0.18, 0.286_561_0), (0.12, 0.107_380_8), (0.06, 0.000_179_0)]
         {
             let mesh = gaussian_surface(&bump(sigma), false, [4, 4]).unwrap();
-            let height = |u: usize, v: usize| mesh.positions()[u * 5 + v].z;
+            fn height(u: usize, v: usize, mesh: &Mesh) -> f64 {
+                mesh.positions()[u * 5 + v].z
+            }
             let top = 1.0 / (1.0 + 4.0 * libm::exp(-2.0) + 4.0 * libm::exp(-4.0));
-            assert!((height(2, 2) - top).abs() <= 1e-6, "{sigma}: {}", height(2, 2));
+            assert!((height(2, 2, &mesh) - top).abs() <= 1e-6, "{sigma}: {}", height(2, 2, &mesh));
             assert!((top - 0.619_347_0).abs() <= 1e-6);
-            assert!((height(3, 2) - beside).abs() <= 1e-6, "{sigma}: {}", height(3, 2));
+            assert!(
+                (height(3, 2, &mesh) - beside).abs() <= 1e-6,
+                "{sigma}: {}",
+                height(3, 2, &mesh)
+            );
         }
     }
 
@@ -239,11 +262,16 @@ mod tests {
             let k = f64::from(k);
             let direction =
                 Vector3::new(libm::sin(k), libm::cos(1.7 * k), libm::sin(2.3 * k + 1.0));
-            let support = |points: &mut dyn Iterator<Item = Vector3<f64>>| {
+            fn support(
+                points: &mut dyn Iterator<Item = Vector3<f64>>,
+                direction: Vector3<f64>,
+            ) -> f64 {
                 points.map(|point| point.dot(&direction)).fold(f64::NEG_INFINITY, f64::max)
-            };
-            let hull = support(&mut bump(0.1).iter().map(|point| Vector3::from(point.to)));
-            let surface = support(&mut mesh.positions().iter().map(|point| point.coords));
+            }
+            let hull =
+                support(&mut bump(0.1).iter().map(|point| Vector3::from(point.to)), direction);
+            let surface =
+                support(&mut mesh.positions().iter().map(|point| point.coords), direction);
             assert!(surface <= hull + 1e-14, "{surface} {hull}");
         }
     }

@@ -164,16 +164,22 @@ pub fn place_handles(
         }
     };
     let sigma = sigma.map(|_| scaled);
-    let handle = |place: Point3<f64>| Handle { at: place.into(), to: None, sigma, weight: 1.0 };
-    Ok(value::Handles::new(HandleSpace::World, &Vec::from_iter(places.into_iter().map(handle)))?)
+    Ok(value::Handles::new(
+        HandleSpace::World,
+        &places
+            .into_iter()
+            .map(|place: Point3<f64>| Handle { at: place.into(), to: None, sigma, weight: 1.0 })
+            .collect::<Vec<_>>(),
+    )?)
 }
 
 fn corners((low, high): Bounds) -> Vec<Point3<f64>> {
-    let corner = |k: usize| {
-        let axis = |axis: usize| if k >> axis & 1 == 1 { high[axis] } else { low[axis] };
-        Point3::new(axis(0), axis(1), axis(2))
-    };
-    (0..8).map(corner).collect()
+    (0..8)
+        .map(|k: usize| {
+            let axis = |axis: usize| if k >> axis & 1 == 1 { high[axis] } else { low[axis] };
+            Point3::new(axis(0), axis(1), axis(2))
+        })
+        .collect()
 }
 
 /// The lowest and the highest point along each axis; one that is several of them once.
@@ -181,8 +187,13 @@ fn extremes(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let mut places: Vec<Point3<f64>> = Vec::new();
     for axis in 0..3 {
         for sign in [1.0, -1.0] {
-            let beyond = |a: &Point3<f64>, b: &Point3<f64>| sign * b[axis] < sign * a[axis];
-            let lowest = points.iter().copied().reduce(|a, b| if beyond(&a, &b) { b } else { a });
+            fn beyond(a: &Point3<f64>, b: &Point3<f64>, sign: f64, axis: usize) -> bool {
+                sign * b[axis] < sign * a[axis]
+            }
+            let lowest = points
+                .iter()
+                .copied()
+                .reduce(|a, b| if beyond(&a, &b, sign, axis) { b } else { a });
             places.extend(lowest.filter(|place| !places.contains(place)));
         }
     }
@@ -294,8 +305,12 @@ mod tests {
     use super::*;
 
     fn grid() -> Movable {
-        let point = |k: usize| Point3::new((k % 5) as f64, (k / 5) as f64, 0.0);
-        let points = Points::new((0..25).map(point).collect::<Vec<_>>()).unwrap();
+        let points = Points::new(
+            (0..25)
+                .map(|k: usize| Point3::new((k % 5) as f64, (k / 5) as f64, 0.0))
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let marks = (0..25).map(|k| u8::from(k == 7 || k == 8)).collect();
         Movable::Points(points.with_attribute("mark", Attribute::Flag(marks)).unwrap())
     }
@@ -308,7 +323,9 @@ mod tests {
 
     #[test]
     fn the_farthest_points_of_a_square_are_its_corners_and_its_middle() {
-        let corner = |x: f64, y: f64| [4.0 * x, 4.0 * y, 0.0];
+        fn corner(x: f64, y: f64) -> [f64; 3] {
+            [4.0 * x, 4.0 * y, 0.0]
+        }
         let expected =
             [corner(0., 0.), corner(1., 1.), corner(1., 0.), corner(0., 1.), corner(0.5, 0.5)];
         assert_eq!(places(On::Farthest(5), HandleSpace::Box).unwrap(), expected);
@@ -324,7 +341,9 @@ mod tests {
 
     #[test]
     fn regions_are_given_in_their_space() {
-        let region = |within| On::Region { within, count: 2 };
+        fn region(within: Within) -> On {
+            On::Region { within, count: 2 }
+        }
         let ball = region(Within::Ball { at: [0.25, 0.25, 0.0], radius: 0.2 });
         assert_eq!(places(ball, HandleSpace::Box).unwrap(), [[1.0, 1.0, 0.0]]);
         let part = region(Within::Box { low: [2.0, 0.0, 0.0], high: [3.0, 0.5, 1.0] });
@@ -339,9 +358,9 @@ mod tests {
 
     #[test]
     fn deviations_are_given_in_the_space_and_kept_in_mm() {
-        let place = |sigma| {
+        fn place(sigma: Option<[f64; 3]>) -> maquette_value::Handles {
             place_handles(&grid(), &On::Box, HandleSpace::Box, sigma, &Progress::none()).unwrap()
-        };
+        }
         assert_eq!(place(Some([0.5, 0.25, 1.0])).sigma()[0], [2.0, 1.0, 4.0]);
         assert_eq!(place(None).sigma()[0], [0.0; 3]);
     }

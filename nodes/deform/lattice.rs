@@ -73,8 +73,10 @@ pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curv
     if cells.iter().chain([&samples]).any(|count| !(1..=64).contains(count)) {
         return Err(LatticeError::Size);
     }
-    let lines = |along: usize| (cells[(along + 1) % 3] + 1) * (cells[(along + 2) % 3] + 1);
-    let need: usize = (0..3).map(|along| lines(along) * cells[along] * samples).sum();
+    fn lines(along: usize, cells: [usize; 3]) -> usize {
+        (cells[(along + 1) % 3] + 1) * (cells[(along + 2) % 3] + 1)
+    }
+    let need: usize = (0..3).map(|along| lines(along, cells) * cells[along] * samples).sum();
     POINTS.check("the lattice", need as f64)?;
     let mut pen = Pen { at: [0; 3], cells, samples, line: vec![[0.0; 3]] };
     for along in 0..3 {
@@ -94,11 +96,14 @@ pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curv
         }
     }
     let extent = bounds.1 - bounds.0;
-    let place = |at: &[f64; 3]| {
-        let share = |axis: usize| at[axis] / cells[axis] as f64;
-        bounds.0 + Vector3::new(share(0), share(1), share(2)).component_mul(&extent)
-    };
-    let points: Vec<Point3<f64>> = pen.line.iter().map(place).collect();
+    let points: Vec<Point3<f64>> = pen
+        .line
+        .iter()
+        .map(|at| {
+            let fraction = Vector3::from_fn(|axis, _| at[axis] / cells[axis] as f64);
+            bounds.0 + fraction.component_mul(&extent)
+        })
+        .collect();
     Ok(Curve::polyline(points, false)?)
 }
 

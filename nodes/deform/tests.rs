@@ -41,8 +41,12 @@ pub(super) fn handle(at: Point3<f64>, to: Point3<f64>, sigma: [f64; 3]) -> Handl
 
 /// The corners of the unit cube, at rest.
 pub(super) fn corners(sigma: [f64; 3]) -> Vec<Handle> {
-    let bit = |k: usize, axis: usize| (k >> axis & 1) as f64;
-    let corner = |k| Point3::new(bit(k, 0), bit(k, 1), bit(k, 2));
+    fn bit(k: usize, axis: usize) -> f64 {
+        (k >> axis & 1) as f64
+    }
+    fn corner(k: usize) -> Point3<f64> {
+        Point3::new(bit(k, 0), bit(k, 1), bit(k, 2))
+    }
     (0..8).map(|k| handle(corner(k), corner(k), sigma)).collect()
 }
 
@@ -99,15 +103,24 @@ pub(super) fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
 
 /// Handles in a jittered grid, with anisotropic deviations, weights and targets of their own.
 pub(super) fn scattered(random: &mut Random, sides: usize, reach: f64) -> Vec<Handle> {
-    let cell = |k: usize| (k as f64 + 0.5) / sides as f64;
+    fn cell(k: usize, sides: usize) -> f64 {
+        (k as f64 + 0.5) / sides as f64
+    }
     let step = 0.3 / sides as f64;
-    let place =
-        |k: usize| Point3::new(cell(k % sides), cell(k / sides % sides), cell(k / sides / sides));
+    let place = |k: usize| {
+        Point3::new(
+            cell(k % sides, sides),
+            cell(k / sides % sides, sides),
+            cell(k / sides / sides, sides),
+        )
+    };
     let mut handles = Vec::new();
     for k in 0..sides * sides * sides {
-        let mut shift = || (random.point() - Point3::new(0.5, 0.5, 0.5)) * step;
-        let at = place(k) + shift();
-        let to = at + shift();
+        fn shift(step: f64, random: &mut Random) -> Vector3<f64> {
+            (random.point() - Point3::new(0.5, 0.5, 0.5)) * step
+        }
+        let at = place(k) + shift(step, random);
+        let to = at + shift(step, random);
         let sigma = [0, 1, 2].map(|_| reach * (0.8 + 0.4 * random.even()) / sides as f64);
         handles.push(Handle { weight: 0.5 + random.even(), ..handle(at, to, sigma) });
     }

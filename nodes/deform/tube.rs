@@ -106,8 +106,19 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     let turn = is_closed.then(|| {
         // What the rings have turned on the way round is undone by whole corners.
         let side = carried(side, before, directions[0]);
-        let along = |corner: &usize| (positions[*corner] - points[0]).dot(&side);
-        (0..sides).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
+        fn along(
+            corner: &usize,
+            positions: &[Point3<f64>],
+            points: &[Point3<f64>],
+            side: Vector3<f64>,
+        ) -> f64 {
+            (positions[*corner] - points[0]).dot(&side)
+        }
+        (0..sides)
+            .max_by(|a, b| {
+                along(a, &positions, &points, side).total_cmp(&along(b, &positions, &points, side))
+            })
+            .unwrap_or(0)
     });
     let faces = faces(points.len(), sides, turn)?;
     Ok(Mesh::new(positions, faces)?)
@@ -125,19 +136,24 @@ fn carried(side: Vector3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Vector3<
 /// The direction of the curve at each point; none if it has nowhere one.
 fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64>>> {
     let count = points.len();
-    let step = |from: usize, to: usize| (points[to] - points[from]).try_normalize(0.0);
-    let direction = |index: usize| {
-        let before = (is_closed || index > 0).then(|| step((index + count - 1) % count, index));
-        let behind = (is_closed || index + 1 < count).then(|| step(index, (index + 1) % count));
-        let before = before.flatten();
-        let both = before.unwrap_or_default() + behind.flatten().unwrap_or_default();
-        // Where the curve turns back there is only the direction that it came from.
-        both.try_normalize(1e-9).or(before)
-    };
+    fn step(from: usize, to: usize, points: &[Point3<f64>]) -> Option<Vector3<f64>> {
+        (points[to] - points[from]).try_normalize(0.0)
+    }
     if count < 2 {
         return None;
     }
-    (0..count).map(direction).collect()
+    (0..count)
+        .map(|index: usize| {
+            let before =
+                (is_closed || index > 0).then(|| step((index + count - 1) % count, index, points));
+            let behind =
+                (is_closed || index + 1 < count).then(|| step(index, (index + 1) % count, points));
+            let before = before.flatten();
+            let both = before.unwrap_or_default() + behind.flatten().unwrap_or_default();
+            // Where the curve turns back there is only the direction that it came from.
+            both.try_normalize(1e-9).or(before)
+        })
+        .collect()
 }
 
 /// Across a direction: along x as far as that goes, or along y where the direction is nearly x. The axis that is farthest from
@@ -151,25 +167,27 @@ fn any_normal(direction: Vector3<f64>) -> Vector3<f64> {
 /// The quads between neighboring rings, and the ends; where the last ring meets the first, by how many corners they are turned.
 fn faces(rings: usize, sides: usize, turn: Option<usize>) -> Result<Faces, MeshError> {
     let mut corners = Vec::new();
-    let vertex = |ring: usize, corner: usize| (ring * sides + corner % sides) as u32;
-    let mut quads = |from: usize, to: usize, turn: usize| {
+    fn vertex(ring: usize, corner: usize, sides: usize) -> u32 {
+        (ring * sides + corner % sides) as u32
+    }
+    fn quads(from: usize, to: usize, turn: usize, corners: &mut Vec<u32>, sides: usize) {
         for corner in 0..sides {
             corners.extend([
-                vertex(from, corner),
-                vertex(from, corner + 1),
-                vertex(to, corner + 1 + turn),
-                vertex(to, corner + turn),
+                vertex(from, corner, sides),
+                vertex(from, corner + 1, sides),
+                vertex(to, corner + 1 + turn, sides),
+                vertex(to, corner + turn, sides),
             ]);
         }
-    };
-    (1..rings).for_each(|ring| quads(ring - 1, ring, 0));
+    }
+    (1..rings).for_each(|ring| quads(ring - 1, ring, 0, &mut corners, sides));
     if let Some(turn) = turn {
-        quads(rings - 1, 0, turn);
+        quads(rings - 1, 0, turn, &mut corners, sides);
         return Faces::uniform(4, corners);
     }
     let mut counts = vec![4; (rings - 1) * sides];
-    corners.extend((0..sides).rev().map(|corner| vertex(0, corner)));
-    corners.extend((0..sides).map(|corner| vertex(rings - 1, corner)));
+    corners.extend((0..sides).rev().map(|corner| vertex(0, corner, sides)));
+    corners.extend((0..sides).map(|corner| vertex(rings - 1, corner, sides)));
     counts.extend([sides; 2]);
     Faces::polygons(&counts, corners)
 }
@@ -197,11 +215,12 @@ mod tests {
 
     #[test]
     fn a_closed_tube_is_a_torus_of_the_right_volume() {
-        let point = |k: i32| {
-            let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 200.0);
-            Point3::new(3.0 * cosine, 3.0 * sine, 0.2 * sine)
-        };
-        let points: Vec<_> = (0..200).map(point).collect();
+        let points: Vec<_> = (0..200)
+            .map(|k: i32| {
+                let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 200.0);
+                Point3::new(3.0 * cosine, 3.0 * sine, 0.2 * sine)
+            })
+            .collect();
         let mesh = tube(&Curve::polyline(points, true).unwrap(), 0.5, 40).unwrap();
         let torus = 2.0 * std::f64::consts::PI * std::f64::consts::PI * 3.0 * 0.25;
         assert!((volume(&mesh) / torus - 1.0).abs() < 0.01, "{}", volume(&mesh) / torus);
@@ -212,11 +231,16 @@ mod tests {
 
     #[test]
     fn a_coarse_ring_closes_without_a_twist() {
-        let point = |k: i32| {
-            let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 12.0);
-            Point3::new(2.0 * cosine, sine, 0.0)
-        };
-        let ring = Curve::polyline((0..12).map(point).collect::<Vec<_>>(), true).unwrap();
+        let ring = Curve::polyline(
+            (0..12)
+                .map(|k: i32| {
+                    let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 12.0);
+                    Point3::new(2.0 * cosine, sine, 0.0)
+                })
+                .collect::<Vec<_>>(),
+            true,
+        )
+        .unwrap();
         let mesh = tube(&ring, 0.2, 12).unwrap();
         // Every quad lies on one side of the tube: its corners are about as far above the plane of the ring.
         for face in mesh.faces().iter() {
@@ -230,7 +254,9 @@ mod tests {
     #[test]
     fn rings_turn_no_more_than_the_curve_bends() {
         let corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 1, 2]];
-        let corner = |c: [i32; 3]| Point3::from(c.map(f64::from));
+        fn corner(c: [i32; 3]) -> Point3<f64> {
+            Point3::from(c.map(f64::from))
+        }
         // The same way many times: what rounding adds must not grow on it.
         let points =
             (0..20).flat_map(|k| corners.map(|[x, y, z]| corner([x + 2 * k, y + k, z + 2 * k])));
@@ -249,8 +275,11 @@ mod tests {
 
     #[test]
     fn a_tube_that_memory_does_not_hold_is_refused_with_numbers() {
-        let point = |k: u32| Point3::new(f64::from(k), 0.0, 0.0);
-        let line = Curve::polyline((0..100_000).map(point).collect::<Vec<_>>(), false).unwrap();
+        let line = Curve::polyline(
+            (0..100_000).map(|k: u32| Point3::new(f64::from(k), 0.0, 0.0)).collect::<Vec<_>>(),
+            false,
+        )
+        .unwrap();
         let error = tube(&line, 1.0, 256).unwrap_err();
         assert!(error.to_string().contains("about 26 000 000 vertices"), "{error}");
     }

@@ -102,7 +102,7 @@ impl Node for FillHoles {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let mesh = cx.get(&self.mesh);
         let corners = mesh.faces().corners().len() as f64;
-        let mut edges = Vec::from_iter(rims(mesh).iter().flatten().map(Vec::len));
+        let mut edges: Vec<_> = rims(mesh).iter().flatten().map(Vec::len).collect();
         match &self.holes {
             HoleChoice::Loops(chosen) => {
                 edges = chosen.iter().filter_map(|&rim| edges.get(rim).copied()).collect();
@@ -159,12 +159,12 @@ pub fn fill_holes(
         }
         _ => (mesh.clone(), Vec::new()),
     };
-    let non_manifold = |NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices };
     let ((rims, mut filling), components) =
         rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Components::new(&mesh));
-    let rims = rims.map_err(non_manifold)?;
-    let no_rim = |number| FillError::NoRim { number, count: rims.len() };
-    let chosen = choose(&mesh, &components, &rims, holes, &is_cut).map_err(no_rim)?;
+    let rims =
+        rims.map_err(|NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices })?;
+    let chosen = choose(&mesh, &components, &rims, holes, &is_cut)
+        .map_err(|number| FillError::NoRim { number, count: rims.len() })?;
     let mut warnings = Vec::new();
     warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
@@ -191,8 +191,8 @@ pub fn fill_holes(
         hole_fills.resolve(plain_options, progress)?;
     }
     warnings.extend(describe_fallbacks(&chosen.holes, &fills));
-    let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
-    check_rims(&filling, &one_rings, &holes).map_err(clash)?;
+    check_rims(&filling, &one_rings, &holes)
+        .map_err(|NotManifold { edges, vertices }| FillError::Clash { edges, vertices })?;
     let (mut steps, mut copies) = (Vec::new(), None);
     if let FillMethod::Exemplar(options) = method {
         let allowed = match &options.exemplars[..] {
@@ -274,9 +274,11 @@ fn fill_all(
     let done = AtomicUsize::new(0);
     let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
         let rim = Rim::new(filling, one_rings, hole);
-        let share = |edges: usize| edges as f64 / all.max(1) as f64;
+        fn share(edges: usize, all: usize) -> f64 {
+            edges as f64 / all.max(1) as f64
+        }
         // One hole tells how far it is; of several, how many edges of their rims are done.
-        let before = share(done.load(Ordering::Relaxed));
+        let before = share(done.load(Ordering::Relaxed), all);
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
         let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
         let fill = filled.map_err(|stop| match stop {
@@ -285,7 +287,7 @@ fn fill_all(
                 TRIANGLES.refused(format_args!("what fills rim {number}"), need).into()
             }
         })?;
-        progress.tick(share(done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len()))?;
+        progress.tick(share(done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len(), all))?;
         Ok(fill)
     };
     holes.par_iter().zip(numbers).map(fill_one).collect()
@@ -350,13 +352,14 @@ fn describe_outer(rims: &[Vec<u32>], outer: &[usize], components: usize) -> Opti
 }
 
 fn describe_fallbacks(holes: &[usize], fills: &[HoleFill]) -> Vec<String> {
-    let with = |fallback: Fallback| -> Vec<String> {
+    fn with(fallback: Fallback, fills: &[HoleFill], holes: &[usize]) -> Vec<String> {
         let holes = holes.iter().zip(fills).filter(|(_, fill)| fill.fallback == Some(fallback));
         holes.map(|(hole, _)| hole.to_string()).collect()
-    };
+    }
     let mut warnings = Vec::new();
-    let (rough, smooth) = (with(Fallback::RoughRim), with(Fallback::NoCreases));
-    let intersecting = with(Fallback::Intersection);
+    let (rough, smooth) =
+        (with(Fallback::RoughRim, fills, holes), with(Fallback::NoCreases, fills, holes));
+    let intersecting = with(Fallback::Intersection, fills, holes);
     if !intersecting.is_empty() {
         warnings.push(format!(
             "what fills rim {} is another surface than asked for, since that would have run through the mesh or itself",

@@ -30,16 +30,25 @@ pub(super) fn sphere(times: u32) -> Mesh {
     }
     for _ in 0..times {
         let mut middles = BTreeMap::new();
-        let mut middle = |a: u32, b: u32| {
+        fn middle(
+            a: u32,
+            b: u32,
+            middles: &mut BTreeMap<[u32; 2], u32>,
+            points: &mut Vec<Vector3<f64>>,
+        ) -> u32 {
             *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
                 points.push((points[a as usize] + points[b as usize]).normalize());
                 points.len() as u32 - 1
             })
-        };
+        }
         faces = faces
             .into_iter()
             .flat_map(|[a, b, c]| {
-                let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+                let [ab, bc, ca] = [
+                    middle(a, b, &mut middles, &mut points),
+                    middle(b, c, &mut middles, &mut points),
+                    middle(c, a, &mut middles, &mut points),
+                ];
                 [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
             })
             .collect();
@@ -49,8 +58,9 @@ pub(super) fn sphere(times: u32) -> Mesh {
 
 /// A grid of squares of side 1 in two triangles each, at heights that a function of the column and the row gives.
 pub(super) fn grid(columns: u32, rows: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let at = |k: u32| (f64::from(k % columns), f64::from(k / columns));
-    let points = (0..columns * rows).map(at).map(|(x, y)| Point3::new(x, y, height(x, y)));
+    let points = (0..columns * rows)
+        .map(|k: u32| (f64::from(k % columns), f64::from(k / columns)))
+        .map(|(x, y)| Point3::new(x, y, height(x, y)));
     let faces = (0..rows - 1).flat_map(|row| {
         (0..columns - 1).flat_map(move |column| {
             let a = row * columns + column;

@@ -29,7 +29,9 @@ fn fill(mesh: &Mesh, holes: HoleChoice, method: FillMethod) -> Result<Filled, Fi
 /// Checks that the result is a surface around what was there, and gives the number of border edges that are left.
 fn check_kept(mesh: &Mesh, filled: &Mesh) -> usize {
     let (data, kept) = (mesh.positions().len(), mesh.faces().len());
-    let bits = |p: &Point3<f64>| [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()];
+    fn bits(p: &Point3<f64>) -> [u64; 3] {
+        [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()]
+    }
     assert!(mesh.positions().iter().map(bits).eq(filled.positions()[..data].iter().map(bits)));
     assert!(mesh.faces().iter().eq(filled.faces().iter().take(kept)));
     let edges = filled.edges();
@@ -99,21 +101,23 @@ fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
 fn filled_edges_are_about_as_long_as_wanted() {
     let mesh = without(&sphere(5), |p| p.z > 0.8);
     let data = mesh.positions().len() as u32;
-    let spacing = |mesh: &Mesh, is_filled: bool| -> Vec<f64> {
+    fn spacing(mesh: &Mesh, is_filled: bool, data: u32) -> Vec<f64> {
         let edges = mesh.edges().vertices;
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
         let wanted = edges.iter().filter(|ends| (ends[1] >= data) == is_filled);
-        wanted.map(|&[a, b]| (place(a) - place(b)).norm()).collect()
-    };
-    let near = |mesh: &Mesh, wanted: f64| {
-        for length in spacing(mesh, true) {
+        wanted.map(|&[a, b]| (place(a, mesh) - place(b, mesh)).norm()).collect()
+    }
+    fn near(mesh: &Mesh, wanted: f64, data: u32) {
+        for length in spacing(mesh, true, data) {
             assert!((0.6..=1.6).contains(&(length / wanted)), "{} of {wanted}", length);
         }
-    };
-    let lengths = spacing(&mesh, false);
+    }
+    let lengths = spacing(&mesh, false, data);
     let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
     for method in [FillMethod::Flat, FillMethod::ThinPlate, FillMethod::Membrane] {
-        near(&fill(&mesh, HoleChoice::All, method).unwrap().mesh, mean);
+        near(&fill(&mesh, HoleChoice::All, method).unwrap().mesh, mean, data);
     }
     let coarse = ExemplarOptions {
         iterations: Some(0),
@@ -121,7 +125,7 @@ fn filled_edges_are_about_as_long_as_wanted() {
         edges: vec![mean],
         ..Default::default()
     };
-    near(&fill(&mesh, HoleChoice::All, FillMethod::Exemplar(coarse)).unwrap().mesh, mean);
+    near(&fill(&mesh, HoleChoice::All, FillMethod::Exemplar(coarse)).unwrap().mesh, mean, data);
 }
 
 #[test]
@@ -174,11 +178,15 @@ fn the_smallest_holes_are_filled_with_what_was_there() {
         let next = (k + 1) % 8;
         [[k, next, 8 + k], [next, 8 + next, 8 + k]]
     });
-    let at = |k: u32| {
-        let angle = f64::from(k % 8) * std::f64::consts::TAU / 8.0;
-        Point3::new(libm::cos(angle), libm::sin(angle), f64::from(k / 8))
-    };
-    let strip = of((0..16).map(at).collect(), ring.skip(1).collect());
+    let strip = of(
+        (0..16)
+            .map(|k: u32| {
+                let angle = f64::from(k % 8) * std::f64::consts::TAU / 8.0;
+                Point3::new(libm::cos(angle), libm::sin(angle), f64::from(k / 8))
+            })
+            .collect(),
+        ring.skip(1).collect(),
+    );
     for method in PLAIN {
         let filled = fill(&strip, HoleChoice::Loops(vec![0, 1]), method).unwrap().mesh;
         assert_eq!(check_kept(&strip, &filled), 0);
@@ -202,7 +210,9 @@ fn a_mesh_that_is_no_surface_is_refused_with_the_places() {
     let error = fill(&book, HoleChoice::All, FillMethod::Flat).unwrap_err();
     assert_eq!(error, FillError::NonManifold { edges: vec![[0, 1]], vertices: vec![] });
     // Two tetrahedra that touch at a vertex.
-    let tetrahedron = |[a, b, c, d]: [u32; 4]| [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
+    fn tetrahedron([a, b, c, d]: [u32; 4]) -> [[u32; 3]; 4] {
+        [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
+    }
     let both = of(points(7), [tetrahedron([0, 1, 2, 3]), tetrahedron([0, 4, 5, 6])].concat());
     let error = fill(&both, HoleChoice::All, FillMethod::Flat).unwrap_err();
     assert_eq!(error, FillError::NonManifold { edges: vec![], vertices: vec![0] });
@@ -211,14 +221,15 @@ fn a_mesh_that_is_no_surface_is_refused_with_the_places() {
 #[test]
 fn holes_are_chosen_by_size_number_and_place() {
     let mesh = without(&sphere(4), |p| p.z > 0.9 || p.x > 0.95);
-    let open = |choice: HoleChoice| {
-        let filled = fill(&mesh, choice, FillMethod::Flat).unwrap().mesh;
-        check_kept(&mesh, &filled)
-    };
-    let (large, small) = (open(HoleChoice::Edges { max: 22 }), open(HoleChoice::Largest));
+    fn open(choice: HoleChoice, mesh: &Mesh) -> usize {
+        let filled = fill(mesh, choice, FillMethod::Flat).unwrap().mesh;
+        check_kept(mesh, &filled)
+    }
+    let (large, small) =
+        (open(HoleChoice::Edges { max: 22 }, &mesh), open(HoleChoice::Largest, &mesh));
     assert!(0 < small && small < large);
-    assert_eq!(open(HoleChoice::Edges { max: 3 }), small + large);
-    assert_eq!(open(HoleChoice::Loops(vec![0, 1])), 0);
+    assert_eq!(open(HoleChoice::Edges { max: 3 }, &mesh), small + large);
+    assert_eq!(open(HoleChoice::Loops(vec![0, 1]), &mesh), 0);
     let error = fill(&mesh, HoleChoice::Loops(vec![2]), FillMethod::Flat).unwrap_err();
     assert_eq!(error, FillError::NoRim { number: 2, count: 2 });
 }
@@ -256,10 +267,12 @@ fn an_isolated_component_that_a_cut_leaves_in_the_hole_goes_too() {
         &whole.positions()[island[0] as usize],
         &whole.positions()[island[1] as usize],
     );
-    let is_bad = |(vertex, p): (u32, &Point3<f64>)| {
-        u8::from(!island.contains(&vertex) && (p - middle).norm() < 0.4)
-    };
-    let marked: Vec<u8> = (0..).zip(whole.positions().iter()).map(is_bad).collect();
+    let marked: Vec<u8> = (0..)
+        .zip(whole.positions().iter())
+        .map(|(vertex, p): (u32, &Point3<f64>)| {
+            u8::from(!island.contains(&vertex) && (p - middle).norm() < 0.4)
+        })
+        .collect();
     let mesh = whole.with_vertex("bad", Attribute::Flag(marked.into())).unwrap();
     for method in PLAIN {
         let region = HoleRegion::Marked { attribute: "bad".into() };
@@ -287,13 +300,14 @@ fn an_isolated_component_that_a_cut_leaves_in_the_hole_goes_too() {
 fn polygons_stay_polygons_and_attributes_go_on() {
     // Quads, and a picture's coordinates that are the places.
     let columns = 12;
-    let corner = |k: u32| Point3::new(f64::from(k % columns), f64::from(k / columns), 0.0);
     let quads: Vec<u32> = (0..columns - 1)
         .flat_map(|row| (0..columns - 1).map(move |column| row * columns + column))
         .filter(|a| !((4..7).contains(&(a % columns)) && (4..7).contains(&(a / columns))))
         .flat_map(|a| [a, a + 1, a + columns + 1, a + columns])
         .collect();
-    let points: Vec<_> = (0..columns * columns).map(corner).collect();
+    let points: Vec<_> = (0..columns * columns)
+        .map(|k: u32| Point3::new(f64::from(k % columns), f64::from(k / columns), 0.0))
+        .collect();
     let uv: Vec<[f64; 2]> = points.iter().map(|p| [p.x, p.y]).collect();
     let corners: Vec<[f64; 2]> = quads.iter().map(|&vertex| uv[vertex as usize]).collect();
     let faces = Faces::uniform(4, quads).unwrap();
@@ -355,19 +369,29 @@ fn what_stands_in_the_way_of_one_surface_is_passed_by_another() {
     // A small ball in the plane of the rim, which a plate passes above.
     let open = without(&sphere(4), |p| p.z > 0.85);
     let ball = sphere(2);
-    let at = |p: &Point3<f64>| Point3::from(p.coords * 0.04) + nalgebra::Vector3::z() * 0.85;
     let data = open.positions().len() as u32;
-    let points = open.positions().iter().copied().chain(ball.positions().iter().map(at));
+    let points = open.positions().iter().copied().chain(
+        ball.positions()
+            .iter()
+            .map(|p| Point3::from(p.coords * 0.04) + nalgebra::Vector3::z() * 0.85),
+    );
     let faces = ball.faces().as_triangles().unwrap().iter().map(|face| face.map(|k| k + data));
     let faces = open.faces().as_triangles().unwrap().iter().copied().chain(faces);
     let both = of(points.collect(), faces.collect());
     for method in PLAIN {
         let filled = fill(&both, HoleChoice::All, method.clone()).unwrap();
         assert_eq!(check_kept(&both, &filled.mesh), 0);
-        let tells = |what: &str| filled.warnings.iter().any(|warning| warning.contains(what));
-        assert!(!tells("run through others"), "{:?}", filled.warnings);
+        fn tells(what: &str, filled_warnings: &[String]) -> bool {
+            filled_warnings.iter().any(|warning| warning.contains(what))
+        }
+        assert!(!tells("run through others", &filled.warnings), "{:?}", filled.warnings);
         let is_flat = matches!(method, FillMethod::Flat | FillMethod::Membrane);
-        assert_eq!(tells("another surface"), is_flat, "{method:?}: {:?}", filled.warnings);
+        assert_eq!(
+            tells("another surface", &filled.warnings),
+            is_flat,
+            "{method:?}: {:?}",
+            filled.warnings
+        );
     }
 }
 
@@ -384,18 +408,18 @@ fn the_border_of_an_open_part_stays_unless_it_is_asked_for() {
 #[test]
 fn several_threads_give_the_same_bytes() {
     let mesh = without(&sphere(4), |p| p.z > 0.8 || p.x > 0.9 || p.y < -0.95);
-    let filled = |threads: usize| {
+    fn filled(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap().mesh)
-    };
-    let one = filled(1);
-    assert!([2, 8].into_iter().all(|threads| filled(threads) == one));
+        pool.install(|| fill(mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap().mesh)
+    }
+    let one = filled(1, &mesh);
+    assert!([2, 8].into_iter().all(|threads| filled(threads, &mesh) == one));
 }
 
 #[test]
 fn a_rim_of_thousands_of_edges_is_filled_fast_and_well() {
     let count = 3000u32;
-    let at = |k: u32, out: f64| {
+    fn at(k: u32, out: f64, count: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
         let radius = (1.0 + 0.3 * libm::sin(5.0 * angle)) * out;
         Point3::new(
@@ -403,8 +427,8 @@ fn a_rim_of_thousands_of_edges_is_filled_fast_and_well() {
             radius * libm::sin(angle),
             0.2 * libm::sin(2.0 * angle),
         )
-    };
-    let points = (0..count).map(|k| at(k, 1.2)).chain((0..count).map(|k| at(k, 1.0)));
+    }
+    let points = (0..count).map(|k| at(k, 1.2, count)).chain((0..count).map(|k| at(k, 1.0, count)));
     let faces = (0..count).flat_map(|k| {
         let next = (k + 1) % count;
         [[k, next, count + k], [next, count + next, count + k]]

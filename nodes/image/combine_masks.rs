@@ -63,14 +63,15 @@ pub fn combine_masks(a: &Mask, b: &Mask, mode: CombineMode) -> Result<Mask, Comb
     if size_a != size_b {
         return Err(CombineMasksError::Size { a: size_a, b: size_b });
     }
-    let combine = |(&a, &b): (&u8, &u8)| match mode {
-        CombineMode::And => a & b == 1,
-        CombineMode::Or => a | b == 1,
-        CombineMode::Minus => b < a,
-        CombineMode::Xor => a != b,
-    };
     let pairs = a.pixels().par_iter().zip(b.pixels()).with_min_len(4096);
-    let pixels = pairs.map(combine).collect();
+    let pixels = pairs
+        .map(|(&a, &b): (&u8, &u8)| match mode {
+            CombineMode::And => a & b == 1,
+            CombineMode::Or => a | b == 1,
+            CombineMode::Minus => b < a,
+            CombineMode::Xor => a != b,
+        })
+        .collect();
     Ok(Mask::from_bools(size_a[0], size_a[1], pixels).expect("one pixel for each pair"))
 }
 
@@ -81,11 +82,13 @@ mod tests {
     #[test]
     fn each_mode_keeps_its_pixels() {
         let (a, b) = (Mask::drawn(&["##.."]), Mask::drawn(&["#.#."]));
-        let combined = |mode| combine_masks(&a, &b, mode).unwrap().draw();
-        assert_eq!(combined(CombineMode::And), "#...\n");
-        assert_eq!(combined(CombineMode::Or), "###.\n");
-        assert_eq!(combined(CombineMode::Minus), ".#..\n");
-        assert_eq!(combined(CombineMode::Xor), ".##.\n");
+        fn combined(mode: CombineMode, a: &Mask, b: &Mask) -> String {
+            combine_masks(a, b, mode).unwrap().draw()
+        }
+        assert_eq!(combined(CombineMode::And, &a, &b), "#...\n");
+        assert_eq!(combined(CombineMode::Or, &a, &b), "###.\n");
+        assert_eq!(combined(CombineMode::Minus, &a, &b), ".#..\n");
+        assert_eq!(combined(CombineMode::Xor, &a, &b), ".##.\n");
     }
 
     #[test]

@@ -154,8 +154,10 @@ fn steep(
     limits: [f32; 2],
     write: impl Fn(usize, &mut [f32]) + Sync,
 ) -> [Bits; 2] {
-    let bits = || Bits::new(width, magnitude.len() / width.max(1));
-    let [mut weak, mut strong] = [bits(), bits()];
+    fn bits(width: usize, magnitude: &[f32]) -> Bits {
+        Bits::new(width, magnitude.len() / width.max(1))
+    }
+    let [mut weak, mut strong] = [bits(width, magnitude), bits(width, magnitude)];
     let words = weak.words.max(1);
     let [weak_rows, strong_rows] =
         [&mut weak, &mut strong].map(|bits| bits.rows.par_chunks_mut(STRIP_ROWS * words));
@@ -238,8 +240,8 @@ mod tests {
 
     /// A gray picture, one digit a pixel, ten levels a digit.
     fn gray(rows: &[&str]) -> Picture {
-        let level = |digit: u8| [(digit - b'0') * 10; 3];
-        let pixels = rows.iter().flat_map(|row| row.bytes()).map(level);
+        let pixels =
+            rows.iter().flat_map(|row| row.bytes()).map(|digit: u8| [(digit - b'0') * 10; 3]);
         Picture::Image(Image::new(rows[0].len(), rows.len(), Vec::from_iter(pixels)).unwrap())
     }
 

@@ -49,23 +49,24 @@ impl Node for FillContour {
 /// `mask` with all that it encloses: the complement of the background that is connected to the picture's border by sides. If it
 /// encloses nothing, of `mask` closed with a square of this radius; if that encloses nothing either, `mask` itself.
 pub fn fill_contour(mask: &Mask, radius: usize) -> Mask {
-    let closed = || fill(&close(mask, radius));
-    fill(mask).or_else(closed).unwrap_or_else(|| mask.clone())
+    fill(mask).or_else(|| fill(&close(mask, radius))).unwrap_or_else(|| mask.clone())
 }
 
 /// The mask with what it encloses, if it encloses anything.
 fn fill(mask: &Mask) -> Option<Mask> {
     let (width, height) = (mask.width(), mask.height());
-    let make = |pixels| Mask::from_bools(width, height, pixels).expect("as many pixels as before");
+    fn make(pixels: Vec<bool>, width: usize, height: usize) -> Mask {
+        Mask::from_bools(width, height, pixels).expect("as many pixels as before")
+    }
     let outside = mask.pixels().par_iter().with_min_len(4096).map(|&inside| inside == 0);
-    let parts = label(&make(outside.collect()), Connectivity::Four);
+    let parts = label(&make(outside.collect(), width, height), Connectivity::Four);
     let mut is_filled = vec![true];
     is_filled.extend(parts.statistics().iter().map(|part| !part.touches_border));
     if !is_filled[1..].contains(&true) {
         return None;
     }
     let filled = parts.pixels().par_iter().with_min_len(4096);
-    Some(make(filled.map(|&part| is_filled[part as usize]).collect()))
+    Some(make(filled.map(|&part| is_filled[part as usize]).collect(), width, height))
 }
 
 #[cfg(test)]

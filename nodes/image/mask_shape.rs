@@ -96,7 +96,9 @@ fn spans(shape: &Shape, y: f64) -> Vec<f64> {
             // (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1, solved for x.
             let (sin, cos) = libm::sincos(angle.to_radians());
             let y = y - center[1];
-            let squared = |x: f64| x * x;
+            fn squared(x: f64) -> f64 {
+                x * x
+            }
             let square = squared(cos / a) + squared(sin / b);
             let half = sin * cos * y * (1.0 / (a * a) - 1.0 / (b * b));
             let rest = squared(sin * y / a) + squared(cos * y / b) - 1.0;
@@ -108,11 +110,14 @@ fn spans(shape: &Shape, y: f64) -> Vec<f64> {
         }
         Shape::Polygon(corners) => {
             let next = corners.iter().cycle().skip(1);
-            let crossing = |(a, b): (&[f64; 2], &[f64; 2])| {
-                let crosses = (a[1] <= y) != (b[1] <= y);
-                crosses.then(|| a[0] + (y - a[1]) * (b[0] - a[0]) / (b[1] - a[1]))
-            };
-            corners.iter().zip(next).filter_map(crossing).collect()
+            corners
+                .iter()
+                .zip(next)
+                .filter_map(|(a, b): (&[f64; 2], &[f64; 2])| {
+                    let crosses = (a[1] <= y) != (b[1] <= y);
+                    crosses.then(|| a[0] + (y - a[1]) * (b[0] - a[0]) / (b[1] - a[1]))
+                })
+                .collect()
         }
     }
 }

@@ -93,12 +93,17 @@ pub fn painted_mask(
         }
         Paint::Bright | Paint::Dark => {
             let dark = (*paint == Paint::Dark) != invert;
-            let is_it = |&pixel| (level(Channel::Luma, pixel) < 128) == dark;
-            let pixels = painted.pixels().iter().map(is_it).collect();
+            let pixels = painted
+                .pixels()
+                .iter()
+                .map(|&pixel| (level(Channel::Luma, pixel) < 128) == dark)
+                .collect();
             Mask::from_bools(w, h, pixels).expect("one entry per pixel")
         }
     };
-    let nearest = |at: usize, of: usize, from: usize| (2 * at + 1) * from / (2 * of);
+    fn nearest(at: usize, of: usize, from: usize) -> usize {
+        (2 * at + 1) * from / (2 * of)
+    }
     let pixels = (0..width * height).map(|pixel| {
         let [column, row] = [nearest(pixel % width, width, w), nearest(pixel / width, height, h)];
         w > 0 && h > 0 && marked.contains([column, row])
@@ -127,7 +132,9 @@ mod tests {
 
     #[test]
     fn dark_and_colored_paint_is_told_from_the_rest() {
-        let draw = |paint, invert| painted_mask(&painted(), [3, 2], &paint, invert).draw();
+        fn draw(paint: Paint, invert: bool) -> String {
+            painted_mask(&painted(), [3, 2], &paint, invert).draw()
+        }
         assert_eq!(draw(Paint::Dark, false), ".##\n##.\n");
         assert_eq!(draw(Paint::Dark, true), "#..\n..#\n");
         let red = Paint::Color { color: Color([200, 20, 20]), distance: 5.0 };

@@ -166,8 +166,9 @@ impl Canvas {
         while inside.len() < before {
             before = inside.len();
             for table in &tables {
-                let goes = |index: &usize| table[usize::from(self.neighborhood(*index))];
-                let (gone, kept): (Vec<_>, _) = inside.into_iter().partition(goes);
+                let (gone, kept): (Vec<_>, _) = inside
+                    .into_iter()
+                    .partition(|index| table[usize::from(self.neighborhood(*index))]);
                 gone.into_iter().for_each(|index| self.pixels[index] = 0);
                 inside = kept;
             }
@@ -249,11 +250,19 @@ const fn can_go(neighborhood: u8) -> bool {
 /// The conditions (a) to (d) of Zhang and Suen; their P2 to P9 are bits 0 to 7.
 fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     let starts = neighborhood & !neighborhood.rotate_left(1);
-    let has_all = |bits: u8| neighborhood & bits == bits;
+    fn has_all(bits: u8, neighborhood: u8) -> bool {
+        neighborhood & bits == bits
+    }
     let (north, east, south, west) = (1, 1 << 2, 1 << 4, 1 << 6);
     let stays = match pass {
-        0 => has_all(north | east | south) || has_all(east | south | west),
-        _ => has_all(north | east | west) || has_all(north | south | west),
+        0 => {
+            has_all(north | east | south, neighborhood)
+                || has_all(east | south | west, neighborhood)
+        }
+        _ => {
+            has_all(north | east | west, neighborhood)
+                || has_all(north | south | west, neighborhood)
+        }
     };
     (2..=6).contains(&neighborhood.count_ones()) && starts.count_ones() == 1 && !stays
 }
@@ -261,7 +270,9 @@ fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
 /// The conditions of Guo and Hall's A1; their P1 to P8 are the bits from the upper left clockwise, here 7, 0, 1, ... 6.
 fn guo_hall(neighborhood: u8, pass: usize) -> bool {
     let [n, ne, e, se, s, sw, w, nw] = std::array::from_fn(|k| neighborhood >> k & 1 == 1);
-    let count = |conditions: [bool; 4]| conditions.iter().filter(|is_met| **is_met).count();
+    fn count(conditions: [bool; 4]) -> usize {
+        conditions.iter().filter(|is_met| **is_met).count()
+    }
     let parts = count([!n && (ne || e), !e && (se || s), !s && (sw || w), !w && (nw || n)]);
     let pairs = count([nw || n, ne || e, se || s, sw || w]);
     let other_pairs = count([n || ne, e || se, s || sw, w || nw]);
@@ -292,17 +303,26 @@ mod tests {
         let mut state = (seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let [width, height] = [28 - (seed % 5) as usize, 28 - (seed % 3) as usize];
         let density = 25 + seed % 60;
-        let noise = Vec::from_iter((0..width * height).map(|_| random(&mut state) % 100 < density));
-        let is_inside = |index: usize| {
-            let (column, row) = (index % width, index / width);
-            let near = |x: usize, center: usize| x.abs_diff(center) <= (seed % 3) as usize;
-            let window =
-                (0..width * height).filter(|k| near(k % width, column) && near(k / width, row));
-            let (count, inside) =
-                window.fold((0, 0), |sum, k| (sum.0 + 1, sum.1 + u32::from(noise[k])));
-            count < 2 * inside
-        };
-        Mask::from_bools(width, height, (0..width * height).map(is_inside).collect()).unwrap()
+        let noise: Vec<_> =
+            (0..width * height).map(|_| random(&mut state) % 100 < density).collect();
+        Mask::from_bools(
+            width,
+            height,
+            (0..width * height)
+                .map(|index: usize| {
+                    let (column, row) = (index % width, index / width);
+                    fn near(x: usize, center: usize, seed: u64) -> bool {
+                        x.abs_diff(center) <= (seed % 3) as usize
+                    }
+                    let window = (0..width * height)
+                        .filter(|k| near(k % width, column, seed) && near(k / width, row, seed));
+                    let (count, inside) =
+                        window.fold((0, 0), |sum, k| (sum.0 + 1, sum.1 + u32::from(noise[k])));
+                    count < 2 * inside
+                })
+                .collect(),
+        )
+        .unwrap()
     }
 
     /// Parts inside, by sides and corners, and parts outside, by sides, with all beyond the picture as one.

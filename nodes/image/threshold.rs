@@ -51,10 +51,12 @@ fn explain_empty(
     select: &Select,
 ) -> Result<String, PictureError> {
     let (measure, limit) = measure(image, within, select)?;
-    let searched = |index: usize| within.is_none_or(|mask| mask.pixels()[index] == 1);
+    fn searched(index: usize, within: &Option<&Mask>) -> bool {
+        within.is_none_or(|mask| mask.pixels()[index] == 1)
+    }
     let distances = image.pixels().iter().map(|&pixel| measure.distance(pixel)).enumerate();
     let nearest =
-        distances.filter(|(index, _)| searched(*index)).min_by(|a, b| a.1.total_cmp(&b.1));
+        distances.filter(|(index, _)| searched(*index, &within)).min_by(|a, b| a.1.total_cmp(&b.1));
     Ok(match (nearest, &measure) {
         (None, _) => "nothing is selected: there is no pixel to search".into(),
         (Some(_), Measure::Level { .. }) => {
@@ -108,7 +110,9 @@ mod tests {
 
     #[test]
     fn without_lightness_black_is_as_near_to_white_as_white() {
-        let white = |lightness| Select::Near { color: Color([255; 3]), distance: 1.0, lightness };
+        fn white(lightness: f64) -> Select {
+            Select::Near { color: Color([255; 3]), distance: 1.0, lightness }
+        }
         check(white(0.0), &["wk", "rk"], expect![["##\n.#\n"]]);
         check(white(1.0), &["wk", "rk"], expect![["#.\n..\n"]]);
     }
@@ -129,7 +133,9 @@ mod tests {
 
     #[test]
     fn a_box_includes_its_sides() {
-        let select = |low, high| Select::Box { space: Space::Rgb, low, high };
+        fn select(low: [f64; 3], high: [f64; 3]) -> Select {
+            Select::Box { space: Space::Rgb, low, high }
+        }
         check(select([255., 0., 0.], [255., 128., 160.]), &["rpw"], expect![["##.\n"]]);
         check(select([255., 0., 0.], [255., 127., 160.]), &["rpw"], expect![["#..\n"]]);
     }
@@ -148,8 +154,8 @@ mod tests {
             (9.0, 9.0),
         ] {
             let select = Select::Box { space: Space::Rgb, low: [low; 3], high: [high; 3] };
-            let is_inside = |level: &usize| low <= *level as f64 && *level as f64 <= high;
-            let expected = (0..256).filter(is_inside).count();
+            let expected =
+                (0..256).filter(|level| low <= *level as f64 && *level as f64 <= high).count();
             let mask = threshold(&image, None, &select, false).unwrap();
             assert_eq!(mask.count(), expected, "{low} {high}");
             let others = threshold(&image, None, &select, true).unwrap();
@@ -159,11 +165,9 @@ mod tests {
 
     #[test]
     fn a_hue_interval_wraps_around_and_never_holds_gray() {
-        let select = |low, high| Select::Box {
-            space: Space::Hsv,
-            low: [low, 0.0, 0.0],
-            high: [high, 1.0, 1.0],
-        };
+        fn select(low: f64, high: f64) -> Select {
+            Select::Box { space: Space::Hsv, low: [low, 0.0, 0.0], high: [high, 1.0, 1.0] }
+        }
         check(select(330.0, 30.0), &["rgbpwk"], expect![["#..#..\n"]]);
         check(select(0.0, 360.0), &["rgbpwk"], expect![["####..\n"]]);
     }

@@ -34,15 +34,18 @@ pub(super) fn followed(made: &Mesh, parts: &[Part<'_>], most: f64) -> Option<Mes
             *end += part.now.positions().len() as u32;
             Some(first)
         });
-        let shifted = |(first, moved)| {
-            rows(moved).iter().map(move |row: &Range<u32>| first + row.start..first + row.end)
-        };
-        Vec::from_iter(first.zip(&moved).flat_map(shifted))
+        first
+            .zip(&moved)
+            .flat_map(|(first, moved)| {
+                rows(moved).iter().map(move |row: &Range<u32>| first + row.start..first + row.end)
+            })
+            .collect::<Vec<_>>()
     };
     let places = each().flat_map(|(part, moved)| {
         let (given, motion) = (part.now.positions(), part.motion);
-        let place = |vertex: usize| motion.map_or(given[vertex], |by| by.apply(given[vertex]));
-        mapped(&moved.vertices, place)
+        mapped(&moved.vertices, |vertex: usize| {
+            motion.map_or(given[vertex], |by| by.apply(given[vertex]))
+        })
     });
     let places = Vec::from_iter(places);
     let mut mesh = made.with_moved(&rows(|moved| &moved.vertices), &places).ok()?;
@@ -67,6 +70,6 @@ pub(super) fn followed(made: &Mesh, parts: &[Part<'_>], most: f64) -> Option<Mes
 
 /// What `f` makes of each of some vertices.
 fn mapped<T: Send>(rows: &[Range<u32>], f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let vertices = Vec::from_iter(rows.iter().cloned().flatten());
+    let vertices: Vec<_> = rows.iter().cloned().flatten().collect();
     vertices.par_iter().with_min_len(4096).map(|&vertex| f(vertex as usize)).collect()
 }

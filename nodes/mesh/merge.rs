@@ -62,8 +62,8 @@ impl Node for Merge {
         cx: &Context<'_>,
         previous: &Previous<'_>,
     ) -> Result<Option<Self::Outputs>, Error> {
-        let meshes = Vec::from_iter(self.meshes.iter().map(|mesh| cx.get(mesh)));
-        let before = Vec::from_iter(self.meshes.iter().map(|mesh| previous.get(mesh)));
+        let meshes: Vec<_> = self.meshes.iter().map(|mesh| cx.get(mesh)).collect();
+        let before: Vec<_> = self.meshes.iter().map(|mesh| previous.get(mesh)).collect();
         let Some(made) = previous.output(0) else { return Ok(None) };
         let followed = follow(&meshes, &before, made, self.poses);
         if followed.is_some() {
@@ -131,21 +131,26 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
         return Err(MergeError::NoPose { mesh: place + 1 });
     }
-    let bare = |mesh: &Mesh| mesh.clone().with_materials([]).size();
+    fn bare(mesh: &Mesh) -> usize {
+        mesh.clone().with_materials([]).size()
+    }
     BYTES.check("the merged mesh", meshes.iter().map(|mesh| bare(mesh) as f64).sum())?;
     let (motions, looks) = (motions(meshes, poses), Looks::of(meshes));
-    let part = |(&mesh, motion): (&&Mesh, &Option<Motion>)| {
-        let part = match looks {
-            Looks::Same => mesh.clone(),
-            Looks::Several => several::prepared(mesh)?,
-            Looks::Painted => painted(mesh)?,
-        };
-        match motion {
-            Some(motion) => moved_mesh(&part, motion),
-            None => Ok(part),
-        }
-    };
-    let parts = meshes.iter().zip(&motions).map(part).collect::<Result<Vec<Mesh>, _>>()?;
+    let parts = meshes
+        .iter()
+        .zip(&motions)
+        .map(|(&mesh, motion): (&&Mesh, &Option<Motion>)| {
+            let part = match looks {
+                Looks::Same => mesh.clone(),
+                Looks::Several => several::prepared(mesh)?,
+                Looks::Painted => painted(mesh)?,
+            };
+            match motion {
+                Some(motion) => moved_mesh(&part, motion),
+                None => Ok(part),
+            }
+        })
+        .collect::<Result<Vec<Mesh>, _>>()?;
     let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
         .with_creases(creases(&parts))?
         .with_frame(frame(meshes, &motions));
@@ -161,7 +166,18 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
 /// and frames has changed.
 fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Option<Mesh> {
     let (first, motions) = (meshes.first()?, motions(meshes, poses));
-    let bits = |mesh: &&Mesh| pose(mesh).map(|pose| pose.map(f64::to_bits));
+    fn bits(
+        mesh: &&Mesh,
+    ) -> Option<
+        nalgebra::Matrix<
+            u64,
+            nalgebra::Const<4>,
+            nalgebra::Const<4>,
+            nalgebra::ArrayStorage<u64, 4, 4>,
+        >,
+    > {
+        pose(mesh).map(|pose| pose.map(f64::to_bits))
+    }
     let same_poses = meshes.iter().map(bits).eq(before.iter().map(bits));
     if !same_poses || [meshes, before].map(Looks::of) != [Looks::Same; 2] {
         return None;
@@ -174,14 +190,14 @@ fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Opti
 
 /// How each mesh is moved, if all are.
 fn motions(meshes: &[&Mesh], poses: Poses) -> Vec<Option<Motion>> {
-    let all = Vec::from_iter(meshes.iter().map(|mesh| pose(mesh).map(motion)));
+    let all: Vec<_> = meshes.iter().map(|mesh| pose(mesh).map(motion)).collect();
     let applied = poses != Poses::Ignore && all.iter().all(Option::is_some);
     if applied { all } else { vec![None; meshes.len()] }
 }
 
 /// The frame of the merged mesh.
 fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
-    let frames = Vec::from_iter(meshes.iter().map(|mesh| mesh.frame().copied()));
+    let frames: Vec<_> = meshes.iter().map(|mesh| mesh.frame().copied()).collect();
     common_frame(&frames).filter(|_| motions.contains(&None))
 }
 
@@ -198,14 +214,13 @@ enum Looks {
 
 impl Looks {
     fn of(meshes: &[&Mesh]) -> Self {
-        let is_plain = |mesh: &&Mesh| match &mesh.materials()[..] {
+        if meshes.windows(2).all(|pair| pair[0].materials() == pair[1].materials()) {
+            Self::Same
+        } else if meshes.iter().all(|mesh| match &mesh.materials()[..] {
             [] => true,
             [only] => only.is_plain(),
             _ => false,
-        };
-        if meshes.windows(2).all(|pair| pair[0].materials() == pair[1].materials()) {
-            Self::Same
-        } else if meshes.iter().all(is_plain) {
+        }) {
             Self::Painted
         } else {
             Self::Several
@@ -269,11 +284,15 @@ fn faces(parts: &[Mesh]) -> Result<Faces, MeshError> {
 }
 
 fn creases(parts: &[Mesh]) -> Vec<([u32; 2], f64)> {
-    let shifted = |(part, offset): (&Mesh, u32)| {
-        let shift = |(ends, sharpness): ([u32; 2], f64)| (ends.map(|end| end + offset), sharpness);
-        part.creases().map(shift).collect::<Vec<_>>()
-    };
-    parts.iter().zip(offsets(parts)).flat_map(shifted).collect()
+    parts
+        .iter()
+        .zip(offsets(parts))
+        .flat_map(|(part, offset): (&Mesh, u32)| {
+            part.creases()
+                .map(|(ends, sharpness): ([u32; 2], f64)| (ends.map(|end| end + offset), sharpness))
+                .collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 /// Adds the attributes of all parts to the mesh that was made of them.
@@ -297,12 +316,14 @@ fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError>
 fn joined<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute)> {
     let names: BTreeSet<&str> =
         parts.iter().flat_map(|(attributes, _)| attributes.iter().map(|(name, _)| name)).collect();
-    let column = |name: &'a str| {
-        let columns = parts.iter().filter(|(_, count)| *count > 0);
-        let columns = columns.map(|&(attributes, count)| (attributes.get(name), count));
-        join(&columns.collect::<Vec<_>>()).map(|column| (name, column))
-    };
-    names.into_iter().filter_map(column).collect()
+    names
+        .into_iter()
+        .filter_map(|name| {
+            let columns = parts.iter().filter(|(_, count)| *count > 0);
+            let columns = columns.map(|&(attributes, count)| (attributes.get(name), count));
+            join(&columns.collect::<Vec<_>>()).map(|column| (name, column))
+        })
+        .collect()
 }
 
 /// Columns one after the other, if all are of one type; a column of flags may be absent.
@@ -349,8 +370,10 @@ mod tests {
 
     /// A square of one quad (or two triangles) in the plane z = 0, its lower left corner at x.
     fn square(x: f64, triangles: bool) -> Mesh {
-        let at = |dx: f64, y: f64| Point3::new(x + dx, y, 0.0);
-        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
+        fn at(dx: f64, y: f64, x: f64) -> Point3<f64> {
+            Point3::new(x + dx, y, 0.0)
+        }
+        let positions = vec![at(0., 0., x), at(1., 0., x), at(1., 1., x), at(0., 1., x)];
         let faces = match triangles {
             true => Faces::triangles(vec![[0, 1, 2], [0, 2, 3]]),
             false => Faces::uniform(4, vec![0, 1, 2, 3]).unwrap(),
@@ -396,8 +419,8 @@ mod tests {
 
     #[test]
     fn more_than_memory_holds_is_refused_before_it_is_tried() {
-        let point = |k: u32| Point3::new(f64::from(k), 0.0, 0.0);
-        let points = (0..100_000).map(point).collect::<Vec<_>>();
+        let points =
+            (0..100_000).map(|k: u32| Point3::new(f64::from(k), 0.0, 0.0)).collect::<Vec<_>>();
         let mesh = Mesh::new(points, Faces::triangles(Vec::new())).unwrap();
         let error = merge(&vec![&mesh; 30_000], Poses::Auto).unwrap_err();
         assert!(error.to_string().contains("about 72 000 000 000 bytes"), "{error}");
@@ -406,11 +429,11 @@ mod tests {
     #[test]
     fn poses_bring_captures_into_one_world_and_turn_their_normals() {
         let normals = Attribute::Vector(vec![[0.0, 0.0, -1.0]; 4].into());
-        let capture = |shift| {
+        fn capture(shift: f64, normals: &Attribute) -> Mesh {
             let mesh = square(0.0, true).with_vertex("normal", normals.clone()).unwrap();
             with_pose(mesh, Some(upright(shift)))
-        };
-        let (first, second) = (capture(0.0), capture(10.0));
+        }
+        let (first, second) = (capture(0.0, &normals), capture(10.0, &normals));
         for poses in [Poses::Auto, Poses::Apply] {
             let merged = merge(&[&first, &second], poses).unwrap();
             assert_eq!(merged.positions()[6], Point3::new(11.0, -1.0, 0.0));
@@ -438,12 +461,13 @@ mod tests {
     #[test]
     fn vertices_that_have_moved_are_found_behind_those_of_other_meshes() {
         let normals = Attribute::Vector(vec![[0.0, 0.6, 0.8]; 4].into());
-        let square = |pose| {
+        fn square_at(pose: Option<Matrix4<f64>>, normals: &Attribute) -> Mesh {
             let mesh = square(0.0, true).with_creases([([0, 1], 2.0)]).unwrap();
             with_pose(mesh.with_vertex("normal", normals.clone()).unwrap(), pose)
-        };
+        }
         for pose in [None, Some(upright(9.0))] {
-            let before = [square(pose), square(pose), square(pose)];
+            let before =
+                [square_at(pose, &normals), square_at(pose, &normals), square_at(pose, &normals)];
             let mut now = before.clone();
             let places = [Point3::new(1., 7., 3.), Point3::origin(), Point3::new(2., -0., 4.)];
             let rows = Attribute::Vector(vec![[1., 0., 0.]; 4].into());
@@ -473,7 +497,9 @@ mod tests {
 
     #[test]
     fn attributes_of_all_are_kept_flags_are_filled_in_and_others_left_out() {
-        let numbers = |from: u8| Attribute::Number((from..from + 4).map(f64::from).collect());
+        fn numbers(from: u8) -> Attribute {
+            Attribute::Number((from..from + 4).map(f64::from).collect())
+        }
         let first = square(0.0, true)
             .with_vertex("h", numbers(0))
             .and_then(|mesh| mesh.with_vertex("filled", flags(&[1; 4])))
@@ -497,11 +523,13 @@ mod tests {
 
     #[test]
     fn one_picture_is_kept_and_different_ones_become_colors() {
-        let picture = |red| Image::new(1, 1, vec![[red, 0, 0]]).unwrap();
-        let textured = |red| {
+        fn picture(red: u8) -> Image {
+            Image::new(1, 1, vec![[red, 0, 0]]).unwrap()
+        }
+        fn textured(red: u8) -> Mesh {
             let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
             square(0.0, true).with_vertex("uv", uv).unwrap().with_texture(Some(picture(red)))
-        };
+        }
         let same = merge(&[&textured(9), &textured(9)], Poses::Auto).unwrap();
         assert_eq!(same.texture(), Some(&picture(9)));
         assert_eq!(same.vertex().pairs("uv").unwrap().len(), 8);

@@ -124,8 +124,7 @@ pub fn orient(mesh: &Mesh, outside: Outside) -> Result<Oriented, OrientError> {
         Outside::LargestPart => like_the_largest(&agreeing, &sheets, &mut sides),
         Outside::Outward | Outside::Flip => {}
     }
-    let is_inside_out = |&part: &u32| sides[part as usize] < 0.0;
-    let is_turned = Vec::from_iter(sheets.of_face.iter().map(is_inside_out));
+    let is_turned: Vec<_> = sheets.of_face.iter().map(|&part| sides[part as usize] < 0.0).collect();
     let undecided = sides.iter().filter(|side| **side == 0.0).count();
     Ok(Oriented { mesh: turned(&agreeing, &is_turned)?, undecided, crowded: sheets.crowded })
 }
@@ -164,7 +163,9 @@ fn turned(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
         return Ok(mesh.clone());
     }
     let mut turned = turned_faces(mesh, is_turned)?;
-    let opposite = |normal: &[f64; 3]| normal.map(|x| -x);
+    fn opposite(normal: &[f64; 3]) -> [f64; 3] {
+        normal.map(|x| -x)
+    }
     if let Some(normals) = turned.corner().vectors("normal") {
         let faces = mesh.faces().iter().zip(is_turned);
         let flags = faces.flat_map(|(face, &flag)| std::iter::repeat_n(flag, face.len()));

@@ -119,20 +119,27 @@ impl Node for Primitive {
 /// # Errors
 /// If a length is not above 0, `sides` is out of range, or places are out of all bounds.
 pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveError> {
-    let length = |name, length: f64| match length > 0.0 && length.is_finite() {
-        true => Ok(()),
-        false => Err(PrimitiveError::Length { name, length }),
-    };
+    fn length(name: &'static str, length: f64) -> Result<(), PrimitiveError> {
+        match length > 0.0 && length.is_finite() {
+            true => Ok(()),
+            false => Err(PrimitiveError::Length { name, length }),
+        }
+    }
     let (places, faces) = match shape {
         Shape::Box { size } => {
             size.iter().try_for_each(|&side| length("size", side))?;
             let size = Vector3::from(size);
             // A cube of one quad along each edge, its corners as far as the box goes.
             let (corners, faces) = cube(1);
-            let place = |corner: &[u32; 3]| {
-                size.component_mul(&Vector3::from(corner.map(|k| f64::from(k) - 0.5)))
-            };
-            (Vec::from_iter(corners.iter().map(place)), faces)
+            (
+                corners
+                    .iter()
+                    .map(|corner| {
+                        size.component_mul(&Vector3::from(corner.map(|k| f64::from(k) - 0.5)))
+                    })
+                    .collect::<Vec<_>>(),
+                faces,
+            )
         }
         Shape::Cylinder { radius, height, sides } => {
             length("radius", radius)?;
@@ -151,14 +158,22 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveErr
             let steps = sides / 4;
             let (corners, faces) = cube(steps);
             // Equal angles along the edges of the cube's sides.
-            let angle = |k: u32| (f64::from(k) / f64::from(steps) - 0.5) * FRAC_PI_2;
-            let place = |corner: &[u32; 3]| {
-                Vector3::from(corner.map(|k| libm::tan(angle(k)))).normalize() * radius
-            };
-            (Vec::from_iter(corners.iter().map(place)), faces)
+            fn angle(k: u32, steps: u32) -> f64 {
+                (f64::from(k) / f64::from(steps) - 0.5) * FRAC_PI_2
+            }
+            (
+                corners
+                    .iter()
+                    .map(|corner| {
+                        Vector3::from(corner.map(|k| libm::tan(angle(k, steps)))).normalize()
+                            * radius
+                    })
+                    .collect::<Vec<_>>(),
+                faces,
+            )
         }
     };
-    let places = Vec::from_iter(places.iter().map(|place| center + place));
+    let places: Vec<_> = places.iter().map(|place| center + place).collect();
     Ok(Mesh::new(places, faces)?)
 }
 
@@ -190,19 +205,23 @@ fn cube(steps: u32) -> (Vec<[u32; 3]>, Faces) {
 
 /// A cylinder along y around the origin.
 fn cylinder(radius: f64, height: f64, sides: u32) -> Result<(Vec<Vector3<f64>>, Faces), MeshError> {
-    let corner = |k: u32| {
-        let turn = TAU * f64::from(k % sides) / f64::from(sides);
-        let up = if k < sides { -0.5 } else { 0.5 };
-        Vector3::new(radius * libm::sin(turn), up * height, radius * libm::cos(turn))
-    };
     let quads = (0..sides).flat_map(|k| {
         let next = (k + 1) % sides;
         [k, next, sides + next, sides + k]
     });
     let lids = (0..sides).rev().chain(sides..2 * sides);
-    let counts = Vec::from_iter((0..sides).map(|_| 4).chain([sides as usize; 2]));
+    let counts: Vec<_> = (0..sides).map(|_| 4).chain([sides as usize; 2]).collect();
     let faces = Faces::polygons(&counts, quads.chain(lids).collect())?;
-    Ok(((0..2 * sides).map(corner).collect(), faces))
+    Ok((
+        (0..2 * sides)
+            .map(|k: u32| {
+                let turn = TAU * f64::from(k % sides) / f64::from(sides);
+                let up = if k < sides { -0.5 } else { 0.5 };
+                Vector3::new(radius * libm::sin(turn), up * height, radius * libm::cos(turn))
+            })
+            .collect(),
+        faces,
+    ))
 }
 
 #[cfg(test)]
@@ -212,12 +231,18 @@ mod tests {
     use super::*;
 
     fn volume(mesh: &Mesh) -> f64 {
-        let cone = |face: &[u32]| {
-            let at = |vertex: u32| mesh.positions()[vertex as usize].coords;
-            let fan = face[1..].windows(2);
-            fan.map(|pair| at(face[0]).dot(&at(pair[0]).cross(&at(pair[1])))).sum::<f64>()
-        };
-        mesh.faces().iter().map(cone).sum::<f64>() / 6.0
+        mesh.faces()
+            .iter()
+            .map(|face| {
+                fn at(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
+                    mesh.positions()[vertex as usize].coords
+                }
+                let fan = face[1..].windows(2);
+                fan.map(|pair| at(face[0], mesh).dot(&at(pair[0], mesh).cross(&at(pair[1], mesh))))
+                    .sum::<f64>()
+            })
+            .sum::<f64>()
+            / 6.0
     }
 
     #[test]
@@ -255,7 +280,9 @@ mod tests {
 
     #[test]
     fn what_is_no_solid_is_refused() {
-        let told = |shape| primitive(shape, Point3::origin()).unwrap_err().to_string();
+        fn told(shape: Shape) -> String {
+            primitive(shape, Point3::origin()).unwrap_err().to_string()
+        }
         let flat = Shape::Box { size: [1.0, 0.0, 1.0] };
         assert_eq!(told(flat), "`size` is 0 mm, but must be a number above 0");
         let thin = Shape::Cylinder { radius: f64::NAN, height: 1.0, sides: 8 };

@@ -4,7 +4,6 @@ use maquette_base::unit::Unit;
 use maquette_format::obj;
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{Curve, CurveError};
-use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -50,8 +49,13 @@ pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveErro
     if unit.is_millimeters() {
         return Ok(curve);
     }
-    let scaled = |point: &Point3<f64>| point.map(|length| unit.in_millimeters(length));
-    curve.with_points(curve.points().iter().map(scaled).collect())
+    curve.with_points(
+        curve
+            .points()
+            .iter()
+            .map(|point| point.map(|length| unit.in_millimeters(length)))
+            .collect(),
+    )
 }
 
 /// The curve in a file whose name ends in `ending`: `obj`.
@@ -67,6 +71,7 @@ pub fn read_curve(bytes: &[u8], ending: &str) -> Result<Curve, Error> {
 
 #[cfg(test)]
 mod tests {
+
     use super::*;
 
     #[test]
@@ -81,7 +86,7 @@ mod tests {
     fn every_unit_is_converted_to_millimeters() {
         let curve = read_curve(b"v 1 2 3\nv 1 0 0\nl 1 2\n", "obj").unwrap();
         let scaled = curve_in_millimeters(curve.clone(), Unit::Inch).unwrap();
-        assert_eq!(scaled.points()[0], Point3::new(25.4, 50.8, 76.2));
+        assert_eq!(scaled.points()[0], nalgebra::Point3::new(25.4, 50.8, 76.2));
         assert_eq!(curve_in_millimeters(curve.clone(), Unit::Mm).unwrap(), curve);
     }
 }

@@ -300,10 +300,17 @@ pub fn reconstruct(
 
 impl Options {
     fn check(&self) -> Result<(), ReconstructError> {
-        let outside = |what, value: f64, is_right: bool, must| match is_right {
-            true => Ok(()),
-            false => Err(ReconstructError::Parameter { what, value, must }),
-        };
+        fn outside(
+            what: &'static str,
+            value: f64,
+            is_right: bool,
+            must: &'static str,
+        ) -> Result<(), ReconstructError> {
+            match is_right {
+                true => Ok(()),
+                false => Err(ReconstructError::Parameter { what, value, must }),
+            }
+        }
         let is_spacing = (0.0..1e50).contains(&self.spacing);
         outside("spacing", self.spacing, is_spacing, "a length, or 0")?;
         let is_screening = (0.0..=100.0).contains(&self.screening);
@@ -412,8 +419,10 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     if !is_measurable {
         return Err(ReconstructError::Far);
     }
-    let key = |point: &Point3<f64>| [point.x, point.y, point.z].map(|x| (x + 0.0).to_bits());
-    let mut different: Vec<[u64; 3]> = positions.par_iter().map(key).collect();
+    let mut different: Vec<[u64; 3]> = positions
+        .par_iter()
+        .map(|point| [point.x, point.y, point.z].map(|x| (x + 0.0).to_bits()))
+        .collect();
     different.par_sort_unstable();
     different.dedup();
     let count = different.len();
@@ -431,7 +440,9 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     let mut spread: [f64; 3] = eigen.ok_or(ReconstructError::Far)?.eigenvalues.into();
     spread.sort_by(f64::total_cmp);
     // Squares: a millionth of the length.
-    let is_none = |spread: f64, most: f64| spread.is_nan() || spread <= 1e-12 * most;
+    fn is_none(spread: f64, most: f64) -> bool {
+        spread.is_nan() || spread <= 1e-12 * most
+    }
     if is_none(spread[1], spread[2]) {
         return Err(ReconstructError::Line);
     }
@@ -492,12 +503,19 @@ fn faces(skin: &Skin, kind: FaceKind) -> Result<Faces, MeshError> {
     if kind == FaceKind::Quads {
         return Faces::uniform(4, skin.quads.concat());
     }
-    let at = |vertex: u32| skin.positions[vertex as usize];
-    let halves = |&[a, b, c, d]: &[u32; 4]| {
-        let is_first = (at(a) - at(c)).norm_squared() <= (at(b) - at(d)).norm_squared();
-        if is_first { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
-    };
-    Ok(Faces::triangles(skin.quads.par_iter().flat_map_iter(halves).collect()))
+    fn at(vertex: u32, skin_positions: &[Point3<f64>]) -> Point3<f64> {
+        skin_positions[vertex as usize]
+    }
+    Ok(Faces::triangles(
+        skin.quads
+            .par_iter()
+            .flat_map_iter(|&[a, b, c, d]| {
+                let is_first = (at(a, &skin.positions) - at(c, &skin.positions)).norm_squared()
+                    <= (at(b, &skin.positions) - at(d, &skin.positions)).norm_squared();
+                if is_first { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+            })
+            .collect(),
+    ))
 }
 
 /// The mean color of the points around each vertex.

@@ -279,10 +279,14 @@ mod tests {
         let range = capture(None);
         let mesh = Mesh::new(range.points().to_vec(), Faces::triangles(vec![])).unwrap();
         let uv = planar(&mesh, Some(&range), (0., 0.));
-        let span = |k: usize| {
+        fn span(k: usize, uv: &[[f64; 2]]) -> [f64; 2] {
             uv.iter().fold([1., 0.], |[low, high]: [f64; 2], uv| [low.min(uv[k]), high.max(uv[k])])
-        };
-        assert!([span(0), span(1)].iter().all(|[low, high]| low.abs() + (high - 1.).abs() < 1e-12));
+        }
+        assert!(
+            [span(0, &uv), span(1, &uv)]
+                .iter()
+                .all(|[low, high]| low.abs() + (high - 1.).abs() < 1e-12)
+        );
         assert!(uv[0][1] > 0.9 && uv[1599][1] < 0.1, "row 0 is on top");
     }
 
@@ -311,11 +315,13 @@ mod tests {
     #[test]
     fn what_gives_no_coordinates_is_an_error() {
         let line = mesh(&[[0.; 3], [1., 0., 0.]]);
-        let error = |image: Image, mapping| texture(&line, &image, None, mapping).unwrap_err();
+        fn error(image: Image, mapping: Mapping, line: &Mesh) -> TextureError {
+            texture(line, &image, None, mapping).unwrap_err()
+        }
         let flat = Mapping::Planar { scale: (0., 0.) };
-        assert_eq!(error(picture(1, 1), Mapping::Bound), TextureError::Unbound);
-        assert_eq!(error(picture(0, 1), flat), TextureError::Empty);
-        assert_eq!(error(picture(1, 1), flat), TextureError::Flat { axis: 'y' });
+        assert_eq!(error(picture(1, 1), Mapping::Bound, &line), TextureError::Unbound);
+        assert_eq!(error(picture(0, 1), flat, &line), TextureError::Empty);
+        assert_eq!(error(picture(1, 1), flat, &line), TextureError::Flat { axis: 'y' });
         let scale = (1., f64::NAN);
         assert!(texture(&line, &picture(1, 1), None, Mapping::Planar { scale }).is_err());
     }

@@ -160,7 +160,9 @@ mod tests {
 
     /// The tetrahedron at the origin, its faces seen from outside.
     fn tetrahedron() -> Mesh {
-        let at = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
+            Point3::new(x, y, z)
+        }
         let positions = vec![at(0., 0., 0.), at(1., 0., 0.), at(0., 1., 0.), at(0., 0., 1.)];
         let faces = Faces::triangles(vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]);
         let mesh = Mesh::new(positions, faces).unwrap();
@@ -181,16 +183,23 @@ mod tests {
 
     /// Six times the signed volume.
     fn volume(mesh: &Mesh) -> f64 {
-        let at = |vertex: u32| mesh.positions()[vertex as usize].coords;
-        mesh.faces().iter().map(|face| at(face[0]).cross(&at(face[1])).dot(&at(face[2]))).sum()
+        fn at(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
+            mesh.positions()[vertex as usize].coords
+        }
+        mesh.faces()
+            .iter()
+            .map(|face| at(face[0], mesh).cross(&at(face[1], mesh)).dot(&at(face[2], mesh)))
+            .sum()
     }
 
     #[test]
     fn scaling_comes_first_then_x_y_z_then_moving() {
         let motion = Motion::new([0., 0., 5.], [90., 90., 0.], [2., 3., 1.]).unwrap();
-        let corner = |x, y, z| motion.apply(Point3::new(x, y, z));
-        assert_eq!(corner(1., 0., 0.), Point3::new(0., 0., 3.));
-        assert_eq!(corner(0., 1., 0.), Point3::new(3., 0., 5.));
+        fn corner(x: f64, y: f64, z: f64, motion: &Motion) -> Point3<f64> {
+            motion.apply(Point3::new(x, y, z))
+        }
+        assert_eq!(corner(1., 0., 0., &motion), Point3::new(0., 0., 3.));
+        assert_eq!(corner(0., 1., 0., &motion), Point3::new(3., 0., 5.));
         let turned = Motion::new([0.; 3], [0., 0., 30.], [1.; 3]).unwrap();
         let expected = Point3::new(f64::sqrt(0.75), 0.5, 0.);
         assert!((turned.apply(Point3::new(1., 0., 0.)) - expected).norm() < 1e-15);
@@ -265,16 +274,19 @@ mod tests {
         let camera = Pinhole { focal: [1.; 2], center: [0.; 2] };
         let points = vec![Point3::new(0., 0., 5.), Point3::new(f64::NAN, 0., 0.)];
         let range = RangeImage::new(2, 1, points).unwrap().with_camera(Some(camera));
-        let moved = |shift: f64| {
+        fn moved(shift: f64, range: &RangeImage) -> RangeImage {
             let motion = Motion::new([0., 0., shift], [0.; 3], [1.; 3]).unwrap();
             match transform(&Movable::RangeImage(range.clone()), &motion) {
                 Ok(Movable::RangeImage(range)) => range,
                 other => panic!("a range image became {other:?}"),
             }
-        };
-        assert_eq!(moved(0.), range);
-        assert_eq!((moved(2.).point(0), moved(2.).point(1)), (Some(Point3::new(0., 0., 7.)), None));
-        assert_eq!(moved(2.).camera(), None);
+        }
+        assert_eq!(moved(0., &range), range);
+        assert_eq!(
+            (moved(2., &range).point(0), moved(2., &range).point(1)),
+            (Some(Point3::new(0., 0., 7.)), None)
+        );
+        assert_eq!(moved(2., &range).camera(), None);
     }
 
     #[test]
@@ -308,7 +320,9 @@ mod tests {
         assert_eq!(moved.attributes().vectors("other").unwrap()[0], [7., 8., 9.]);
 
         let knots = maquette_value::KnotVector::uniform(3, 3).unwrap();
-        let at = |x: f64, y: f64| Point3::new(x, y, 1.0);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 1.0)
+        }
         let places = vec![at(0., 0.), at(1., 0.), at(1., 1.)];
         let curve = Curve::rational(places, vec![1., 2., 1.], knots).unwrap();
         let Ok(Movable::Curve(moved)) = transform(&Movable::Curve(curve.clone()), &motion) else {

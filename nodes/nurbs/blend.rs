@@ -166,7 +166,7 @@ pub fn blend(
     let seamed = (mode != BlendMode::Displacement && !divided).then_some(region);
     let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
     let cells = 0..range.points().len();
-    let mut filled = Vec::from_iter(cells.map(|cell| u8::from(range.is_filled(cell))));
+    let mut filled: Vec<_> = cells.map(|cell| u8::from(range.is_filled(cell))).collect();
     let new = region.cells().iter().zip(region.filled());
     let new = new.filter(|&(&cell, &flag)| flag == 1 || range.point(cell as usize).is_none());
     new.map(|(cell, _)| cell).chain(&beside).for_each(|&cell| filled[cell as usize] = 1);
@@ -201,7 +201,7 @@ fn follow(
     let seamed = (mode != BlendMode::Displacement).then_some(region);
     let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
     let runs = region.cells().chunk_by(|before, cell| before + 1 == *cell);
-    let rows = Vec::from_iter(runs.map(|run| run[0]..run[0] + run.len() as u32));
+    let rows: Vec<_> = runs.map(|run| run[0]..run[0] + run.len() as u32).collect();
     let moved = region.cells().iter().map(|&cell| points[cell as usize]).collect();
     Ok(Blended { range: made.with_moved(&rows, moved), folded, seam })
 }
@@ -269,42 +269,63 @@ fn fill_beside(
 ) -> Result<Vec<u32>, Cancelled> {
     let width = canvas.width;
     // Cells of the region may have points that the scan has not.
-    let seen = |cell: usize| region.has(cell) || range.point(cell).is_some();
-    let is_beside = |cells: &[u32]| {
-        let has = |within| around(width, cells).any(|it| seen(it) && region.has(it) == within);
-        let is_near = || has(true) || cells.iter().all(|&cell| region.is_near(cell as usize));
-        cells.len() <= LARGEST_SHADOW && has(false) && is_near()
-    };
+    fn seen(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
+        region.has(cell) || range.point(cell).is_some()
+    }
     let longest = longest_edge(range, ACROSS);
-    fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
+    fill_shadows(
+        width,
+        &mut canvas.points,
+        longest,
+        |cells| {
+            let has = |within| {
+                around(width, cells).any(|it| seen(it, region, range) && region.has(it) == within)
+            };
+            let is_near = || has(true) || cells.iter().all(|&cell| region.is_near(cell as usize));
+            cells.len() <= LARGEST_SHADOW && has(false) && is_near()
+        },
+        progress,
+    )
 }
 
 /// The triangles that stay part of the surface, however the blend stretches them: those within the region that were so before, and those
 /// at its border and at filled cells that did not bridge the gap to a background.
 fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
-    let is_outside = |cell: usize| !region.has(cell) && !points[cell].x.is_nan();
-    let outside = Vec::from_iter((0..points.len()).map(is_outside));
+    let outside: Vec<_> = (0..points.len())
+        .map(|cell: usize| !region.has(cell) && !points[cell].x.is_nan())
+        .collect();
     let outside = Mask::from_bools(*width, *height, outside).expect("a value for each cell");
     let rim = dilate(&outside, 1);
     let before = range.with_points(points.clone()).expect("as many points as cells");
     let seen = Joins::new(&before, JUMP, GRAZING);
     let across = seen.allowing(ACROSS, 90.0);
-    let mut joined = Vec::from_iter((0..points.len()).map(|cell| range.joined(cell)));
-    let divided = |quad: usize| joined[quad];
-    let held = grid_triangles(*width, *height, points, divided, |triangle, corners| {
-        let cells = triangle.cells(*width);
-        let any = |is: &dyn Fn(usize) -> bool| cells.iter().any(|&cell| is(cell));
-        let inside = any(&|cell| region.has(cell));
-        if any(&|cell| range.is_filled(cell)) || inside && any(&|cell| rim.pixels()[cell] == 1) {
-            across.holds(corners)
-        } else if inside {
-            seen.holds(corners)
-        } else {
-            // What is redesigned is to stand in one skin; its own outermost cells, of mixed colors, are often none of the region.
-            any(&|cell| region.is_near(cell)) && !seen.holds(corners) && across.holds(corners)
-        }
-    });
+    let mut joined: Vec<_> = (0..points.len()).map(|cell| range.joined(cell)).collect();
+    let held = grid_triangles(
+        *width,
+        *height,
+        points,
+        |quad: usize| joined[quad],
+        |triangle, corners| {
+            let cells = triangle.cells(*width);
+            fn any(is: &dyn Fn(usize) -> bool, cells: [usize; 3]) -> bool {
+                cells.iter().any(|&cell| is(cell))
+            }
+            let inside = any(&|cell| region.has(cell), cells);
+            if any(&|cell| range.is_filled(cell), cells)
+                || inside && any(&|cell| rim.pixels()[cell] == 1, cells)
+            {
+                across.holds(corners)
+            } else if inside {
+                seen.holds(corners)
+            } else {
+                // What is redesigned is to stand in one skin; its own outermost cells, of mixed colors, are often none of the region.
+                any(&|cell| region.is_near(cell), cells)
+                    && !seen.holds(corners)
+                    && across.holds(corners)
+            }
+        },
+    );
     for triangle in held {
         joined[triangle.quad as usize] |= triangle.half.bit();
     }
@@ -324,16 +345,21 @@ fn changes(
     // Most charts hold whole net coordinates, whose parameters are needed again and again.
     let [whole_u, whole_v] = [surface.u(), surface.v()]
         .map(|knots| (0..knots.n_control()).map(|k| knots.parameter(k as f64)).collect::<Vec<_>>());
-    let parameters = |[a, b]: [f64; 2]| {
-        let known = |whole: &[f64], a: f64| {
+    fn parameters(
+        [a, b]: [f64; 2],
+        whole_u: &[f64],
+        whole_v: &[f64],
+        surface: &Surface,
+    ) -> (f64, f64) {
+        fn known(whole: &[f64], a: f64) -> Option<f64> {
             whole.get(a as usize).copied().filter(|_| a >= 0.0 && a.fract() == 0.0)
-        };
-        let u = known(&whole_u, a).unwrap_or_else(|| surface.u().parameter(a));
-        (u, known(&whole_v, b).unwrap_or_else(|| surface.v().parameter(b)))
-    };
+        }
+        let u = known(whole_u, a).unwrap_or_else(|| surface.u().parameter(a));
+        (u, known(whole_v, b).unwrap_or_else(|| surface.v().parameter(b)))
+    }
     let change = |target: &Target| {
         let before = canvas.points[target.cell];
-        let (u, v) = parameters(target.coordinate);
+        let (u, v) = parameters(target.coordinate, &whole_u, &whole_v, surface);
         let after = match (&offsets, mode) {
             (Some(offsets), _) => {
                 let offset = offsets.point(u, v).coords;

@@ -124,9 +124,16 @@ pub fn control_net(
     }
     if (rows, columns) != (0, 0) {
         let (low, high) = region.bounds();
-        let cells = |axis: usize| high[axis] - low[axis] + 1;
-        let along = |given: usize, cells: usize| if given == 0 { cells } else { given } as f64;
-        POINTS.check("the net", along(rows, cells(1)) * along(columns, cells(0)))?;
+        fn cells(axis: usize, high: [usize; 2], low: [usize; 2]) -> usize {
+            high[axis] - low[axis] + 1
+        }
+        fn along(given: usize, cells: usize) -> f64 {
+            (if given == 0 { cells } else { given }) as f64
+        }
+        POINTS.check(
+            "the net",
+            along(rows, cells(1, high, low)) * along(columns, cells(0, high, low)),
+        )?;
     }
     let region = &*placed(region, range, progress)?;
     let net = match method {
@@ -154,16 +161,22 @@ fn grid(
 ) -> Result<value::ControlNet, NetError> {
     let window = GridWindow::new(region, range, PADDING, progress)?;
     let (rows, columns) = (window.rows, window.columns);
-    let free = |at: usize| {
+    fn free(at: usize, columns: usize, rows: usize, window_inside: &[u8]) -> bool {
         let (row, column) = (at / columns, at % columns);
         let interior = 0 < row && row + 1 < rows && 0 < column && column + 1 < columns;
         let near = [at, at.wrapping_sub(columns), at.wrapping_sub(1), at + 1, at + columns];
-        interior && near.iter().all(|&at| window.inside[at] == 1)
-    };
-    let fixed = |row: usize, column: usize| !free(row * columns + column);
+        interior && near.iter().all(|&at| window_inside[at] == 1)
+    }
     let coordinates = region.cells().iter().map(|&cell| window.place(cell).map(|at| at as f64));
     let (cells, coordinates) = (region.cells().to_vec(), coordinates.collect());
-    charted(range, [rows, columns], window.points, fixed, cells, coordinates)
+    charted(
+        range,
+        [rows, columns],
+        window.points,
+        |row: usize, column: usize| !free(row * columns + column, columns, rows, &window.inside),
+        cells,
+        coordinates,
+    )
 }
 
 #[cfg(test)]
@@ -178,11 +191,17 @@ pub(super) mod tests {
         height: usize,
         depth: impl Fn(f64, f64) -> f64,
     ) -> RangeImage {
-        let point = |cell: usize| {
-            let (x, y) = ((cell % width) as f64, (cell / width) as f64);
-            Point3::new(x, y, depth(x, y))
-        };
-        RangeImage::new(width, height, (0..width * height).map(point).collect()).unwrap()
+        RangeImage::new(
+            width,
+            height,
+            (0..width * height)
+                .map(|cell: usize| {
+                    let (x, y) = ((cell % width) as f64, (cell / width) as f64);
+                    Point3::new(x, y, depth(x, y))
+                })
+                .collect(),
+        )
+        .unwrap()
     }
 
     /// The cells of `range` that `inside` takes; those without a point get one of depth 0, and the flag.
@@ -192,13 +211,16 @@ pub(super) mod tests {
             .filter(|cell| inside(cell % width, cell / width))
             .map(|cell| cell as u32)
             .collect();
-        let filled = |&cell: &u32| u8::from(range.point(cell as usize).is_none());
-        let point = |&cell: &u32| {
-            let (x, y) = (cell as usize % width, cell as usize / width);
-            range.point(cell as usize).unwrap_or(Point3::new(x as f64, y as f64, 0.0))
-        };
-        let (points, flags) =
-            (cells.iter().map(point).collect(), cells.iter().map(filled).collect());
+        let (points, flags) = (
+            cells
+                .iter()
+                .map(|&cell| {
+                    let (x, y) = (cell as usize % width, cell as usize / width);
+                    range.point(cell as usize).unwrap_or(Point3::new(x as f64, y as f64, 0.0))
+                })
+                .collect(),
+            cells.iter().map(|&cell| u8::from(range.point(cell as usize).is_none())).collect(),
+        );
         Region::new(width, height, cells, points, flags, Vec::new()).unwrap()
     }
 
@@ -239,7 +261,9 @@ pub(super) mod tests {
 
     #[test]
     fn invalid_cells_around_the_region_are_filled_smoothly_and_its_own_points_are_kept() {
-        let hole = |x: f64, y: f64| (x, y) == (3.0, 3.0) || (x, y) == (1.0, 4.0);
+        fn hole(x: f64, y: f64) -> bool {
+            (x, y) == (3.0, 3.0) || (x, y) == (1.0, 4.0)
+        }
         let range = range(9, 9, |x, y| if hole(x, y) { f64::NAN } else { 2.0 * x });
         let region = region(&range, |x, y| (2..7).contains(&x) && (2..7).contains(&y));
         let net = net(&region, &range);
@@ -249,7 +273,9 @@ pub(super) mod tests {
 
     #[test]
     fn every_method_takes_its_points_from_the_range() {
-        let hole = |x: f64, y: f64| (x, y) == (5.0, 5.0);
+        fn hole(x: f64, y: f64) -> bool {
+            (x, y) == (5.0, 5.0)
+        }
         let scan = range(12, 12, |x, y| if hole(x, y) { f64::NAN } else { 500.0 + x * y });
         let disk = region(&scan, |x, y| (2..9).contains(&x) && (2..9).contains(&y));
         let away = range(12, 12, |x, y| if hole(x, y) { f64::NAN } else { 1500.0 + x * y });
@@ -259,8 +285,14 @@ pub(super) mod tests {
             NetMethod::Polar { order: 3 },
             NetMethod::Harmonic { corners: None },
         ] {
-            let net = |range| control_net(&disk, range, method, 0, 0, &Progress::none()).unwrap();
-            let (near, far) = (net(&scan), net(&away));
+            fn net(
+                range: &RangeImage,
+                disk: &Region,
+                method: &NetMethod,
+            ) -> maquette_value::ControlNet {
+                control_net(disk, range, *method, 0, 0, &Progress::none()).unwrap()
+            }
+            let (near, far) = (net(&scan, &disk, &method), net(&away, &disk, &method));
             for (near, far) in near.points().iter().zip(far.points()) {
                 let moved = far - near - nalgebra::Vector3::new(0.0, 0.0, 1000.0);
                 assert!(moved.norm() < 1e-6, "{method:?}: {near} {far}");
@@ -271,22 +303,28 @@ pub(super) mod tests {
     #[test]
     fn regions_and_sizes_that_do_not_fit_are_refused() {
         let (range, turned) = (range(6, 5, |_, _| 1.0), range(5, 6, |_, _| 1.0));
-        let refused = |region: &Region, method, rows, columns| {
-            control_net(region, &range, method, rows, columns, &Progress::none()).unwrap_err()
-        };
+        fn refused(
+            region: &Region,
+            method: NetMethod,
+            rows: usize,
+            columns: usize,
+            range: &RangeImage,
+        ) -> NetError {
+            control_net(region, range, method, rows, columns, &Progress::none()).unwrap_err()
+        }
         let point = region(&range, |x, y| (x, y) == (2, 2));
         let all = region(&range, |_, _| true);
         let degenerate = NetError::DegenerateRegion { rows: 1, columns: 1 };
-        assert_eq!(refused(&point, NetMethod::Grid, 0, 0), degenerate);
-        assert_eq!(refused(&point, NetMethod::Rows, 0, 0), degenerate);
-        assert_eq!(refused(&all, NetMethod::Auto, 0, 9), NetError::FixedSize);
-        assert_eq!(refused(&all, NetMethod::Rows, 1, 0), NetError::OneLine);
+        assert_eq!(refused(&point, NetMethod::Grid, 0, 0, &range), degenerate);
+        assert_eq!(refused(&point, NetMethod::Rows, 0, 0, &range), degenerate);
+        assert_eq!(refused(&all, NetMethod::Auto, 0, 9, &range), NetError::FixedSize);
+        assert_eq!(refused(&all, NetMethod::Rows, 1, 0, &range), NetError::OneLine);
         for method in [NetMethod::Rows, NetMethod::Polar { order: 3 }] {
-            let error = refused(&all, method, 4096, 4096).to_string();
+            let error = refused(&all, method, 4096, 4096, &range).to_string();
             assert!(error.starts_with("the net would need about 17 000 000 points"), "{error}");
         }
         let other = region(&turned, |_, _| true);
         let size = NetError::Size { region: [5, 6], range: [6, 5] };
-        assert_eq!(refused(&other, NetMethod::Auto, 0, 0), size);
+        assert_eq!(refused(&other, NetMethod::Auto, 0, 0, &range), size);
     }
 }

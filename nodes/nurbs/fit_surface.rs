@@ -107,11 +107,13 @@ pub fn fit_surface(
         fitted = fitted.with_fixed(net.fixed().to_vec())?;
     }
     if let Some(chart) = net.chart() {
-        let moved = |&[a, b]: &[f64; 2]| [u.coordinate(a), v.coordinate(b)];
-        let coordinates = chart.coordinates.iter().map(moved).collect();
+        let coordinates =
+            chart.coordinates.iter().map(|&[a, b]| [u.coordinate(a), v.coordinate(b)]).collect();
         fitted = fitted.with_chart(Chart { coordinates, ..chart.clone() });
     }
-    let knots = |direction: &Direction| direction.fit.knots().clone();
+    fn knots(direction: &Direction) -> maquette_value::KnotVector {
+        direction.fit.knots().clone()
+    }
     let surface = Surface::new(fitted, knots(&u), knots(&v))?;
     let trace = trace(fit.rounds, net, &surface, &u, &v)?;
     Ok(Fitted { surface, unsettled, trace })
@@ -134,13 +136,18 @@ mod tests {
 
     /// Unevenly spaced waves.
     fn waves(rows: usize, columns: usize) -> value::ControlNet {
-        let point = |k: usize| {
-            let (a, b) = ((k / columns) as f64, (k % columns) as f64);
-            let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
-            Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
-        };
-        value::ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>())
-            .unwrap()
+        value::ControlNet::new(
+            rows,
+            columns,
+            (0..rows * columns)
+                .map(|k: usize| {
+                    let (a, b) = ((k / columns) as f64, (k % columns) as f64);
+                    let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
+                    Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap()
     }
 
     fn at_point(net: &value::ControlNet, kind: FitParameters, along: Along) -> Vec<f64> {
@@ -192,18 +199,20 @@ mod tests {
     #[test]
     fn fewer_control_points_come_near_and_the_iteration_gets_there() {
         let net = waves(25, 31);
-        let fit = |method| {
-            fit_surface(&net, [4, 4], method, FitParameters::Chord, &Progress::none()).unwrap()
-        };
-        let direct = fit(FitMethod::LeastSquares { rows: 12, columns: 14 });
+        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> Fitted {
+            fit_surface(net, [4, 4], method, FitParameters::Chord, &Progress::none()).unwrap()
+        }
+        let direct = fit(FitMethod::LeastSquares { rows: 12, columns: 14 }, &net);
         assert_eq!((direct.surface.net().rows(), direct.surface.net().columns()), (12, 14));
-        let settled =
-            fit(FitMethod::Lspia { rows: 12, columns: 14, iterations: 50_000, tolerance: 1e-12 });
+        let settled = fit(
+            FitMethod::Lspia { rows: 12, columns: 14, iterations: 50_000, tolerance: 1e-12 },
+            &net,
+        );
         assert_eq!(settled.unsettled, 0.0);
         let (a, b) = (direct.surface.net().points(), settled.surface.net().points());
         assert!(a.iter().zip(b).all(|(a, b)| (a - b).norm() <= 1e-6));
         let stopped =
-            fit(FitMethod::Lspia { rows: 12, columns: 14, iterations: 2, tolerance: 1e-12 });
+            fit(FitMethod::Lspia { rows: 12, columns: 14, iterations: 2, tolerance: 1e-12 }, &net);
         assert!(stopped.unsettled > 1e-4);
         let corners = [(0.0, 0.0, 0), (1.0, 1.0, 25 * 31 - 1), (0.0, 1.0, 30)];
         for (u, v, at) in corners {
@@ -214,15 +223,15 @@ mod tests {
     #[test]
     fn a_trace_falls_to_what_the_surface_misses() {
         let net = waves(25, 31);
-        let fit = |method| {
-            fit_surface(&net, [4, 4], method, FitParameters::Uniform, &Progress::none()).unwrap()
-        };
-        let through = fit(FitMethod::Interpolate).trace;
+        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> Fitted {
+            fit_surface(net, [4, 4], method, FitParameters::Uniform, &Progress::none()).unwrap()
+        }
+        let through = fit(FitMethod::Interpolate, &net).trace;
         assert!(through.steps().len() == 1 && through.steps()[0].max <= 1e-11);
 
         let rounds =
             |iterations| FitMethod::Lspia { rows: 0, columns: 0, iterations, tolerance: 0.0 };
-        let fitted = fit(rounds(20));
+        let fitted = fit(rounds(20), &net);
         let steps = fitted.trace.steps();
         assert_eq!(steps.len(), 41);
         assert!(steps.iter().zip(0..).all(|(step, k)| step.iteration == k));
@@ -264,9 +273,9 @@ mod tests {
     #[test]
     fn nets_and_counts_that_do_not_fit_are_refused() {
         let net = waves(5, 6);
-        let refused = |net: &value::ControlNet, order, method| {
+        fn refused(net: &value::ControlNet, order: [usize; 2], method: FitMethod) -> FitError {
             fit_surface(net, order, method, FitParameters::Chord, &Progress::none()).unwrap_err()
-        };
+        }
         let count = FitError::Count { along: Along::U, control: 5, points: 5, order: 6 };
         assert_eq!(refused(&net, [6, 3], FitMethod::Interpolate), count);
         for columns in [7, 2, 1] {
@@ -276,8 +285,14 @@ mod tests {
         let order = refused(&net, [3, 0], FitMethod::Interpolate);
         assert!(matches!(order, FitError::Knots(KnotVectorError::Degree { .. })));
         // Three of six columns in one place.
-        let at = |k: usize| Point3::new((k % 6).saturating_sub(3) as f64, (k / 6) as f64, 0.0);
-        let crowded = value::ControlNet::new(5, 6, (0..30).map(at).collect::<Vec<_>>()).unwrap();
+        let crowded = value::ControlNet::new(
+            5,
+            6,
+            (0..30)
+                .map(|k: usize| Point3::new((k % 6).saturating_sub(3) as f64, (k / 6) as f64, 0.0))
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         assert!(matches!(
             refused(&crowded, [3, 3], FitMethod::Interpolate),
             FitError::Singular { along: Along::V } | FitError::Knots(_)

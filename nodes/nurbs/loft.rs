@@ -211,14 +211,17 @@ mod tests {
     use super::*;
 
     fn loft(sections: &[Vec<[f64; 3]>], columns: usize) -> Result<value::ControlNet, LoftError> {
-        super::loft(&Vec::from_iter(sections.iter().map(Section::from)), columns)
+        super::loft(&sections.iter().map(Section::from).collect::<Vec<_>>(), columns)
     }
 
     /// A quarter of a circle of this radius in the plane of this z, exactly.
     fn arc(radius: f64, z: f64) -> Curve {
-        let at = |x: f64, y: f64| Point3::new(radius * x, radius * y, z);
+        fn at(x: f64, y: f64, radius: f64, z: f64) -> Point3<f64> {
+            Point3::new(radius * x, radius * y, z)
+        }
         let corner = 0.5f64.sqrt();
-        let points = vec![at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)];
+        let points =
+            vec![at(1.0, 0.0, radius, z), at(1.0, 1.0, radius, z), at(0.0, 1.0, radius, z)];
         let knots = KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0]).unwrap();
         Curve::rational(points, vec![1.0, corner, 1.0], knots).unwrap()
     }
@@ -281,7 +284,9 @@ mod tests {
 
     #[test]
     fn sections_that_make_no_net_are_refused() {
-        let points = |count| vec![[0.0; 3]; count];
+        fn points(count: usize) -> Vec<[f64; 3]> {
+            vec![[0.0; 3]; count]
+        }
         assert_eq!(loft(&[points(2), points(0)], 0), Err(LoftError::Empty { section: 1 }));
         assert_eq!(loft(&[points(1)], 0), Err(LoftError::OneColumn { columns: 1 }));
         assert_eq!(loft(&[points(3)], 1), Err(LoftError::OneColumn { columns: 1 }));

@@ -68,15 +68,22 @@ pub fn nurbs(
     v: Option<&KnotVector>,
     order: Option<[usize; 2]>,
 ) -> Result<Surface, NurbsError> {
-    let choose = |given: Option<&KnotVector>, order: Option<usize>, along| match (given, order) {
-        (Some(knots), Some(order)) if knots.degree() + 1 != order => {
-            Err(NurbsError::Order { along, order, knots: knots.degree() + 1 })
+    fn choose(
+        given: Option<&KnotVector>,
+        order: Option<usize>,
+        along: Along,
+        net: &maquette_value::ControlNet,
+    ) -> Result<KnotVector, NurbsError> {
+        match (given, order) {
+            (Some(knots), Some(order)) if knots.degree() + 1 != order => {
+                Err(NurbsError::Order { along, order, knots: knots.degree() + 1 })
+            }
+            (Some(knots), _) => Ok(knots.clone()),
+            (None, order) => Ok(knots(net, along, order.unwrap_or(3), &KnotsKind::Uniform)?),
         }
-        (Some(knots), _) => Ok(knots.clone()),
-        (None, order) => Ok(knots(net, along, order.unwrap_or(3), &KnotsKind::Uniform)?),
-    };
-    let u = choose(u, order.map(|[u, _]| u), Along::U)?;
-    let v = choose(v, order.map(|[_, v]| v), Along::V)?;
+    }
+    let u = choose(u, order.map(|[u, _]| u), Along::U, net)?;
+    let v = choose(v, order.map(|[_, v]| v), Along::V, net)?;
     Ok(Surface::new(net.clone(), u, v)?)
 }
 
@@ -92,10 +99,10 @@ mod tests {
 
     #[test]
     fn a_surface_is_quadratic_unless_told_otherwise() {
-        let orders = |order| {
+        fn orders(order: Option<[usize; 2]>) -> [usize; 2] {
             let surface = nurbs(&net(), None, None, order).unwrap();
             [surface.u().degree() + 1, surface.v().degree() + 1]
-        };
+        }
         assert_eq!(orders(None), [3, 3]);
         assert_eq!(orders(Some([2, 5])), [2, 5]);
     }

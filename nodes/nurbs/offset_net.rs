@@ -3,7 +3,7 @@
 use maquette_node::{Context, Error, FieldError, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Direction, DirectionError, Field, Region};
-use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -163,11 +163,10 @@ const PARALLEL: f64 = 1e-9;
 fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<Unit<Vector3<f64>>> {
     let count = net.base().len() as f64;
     let center = net.base().iter().map(|point| point.coords / count).sum::<Vector3<f64>>();
-    let spread = |sum: Matrix3<f64>, point: &Point3<f64>| {
+    let covariance = net.base().iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, point| {
         let spoke = point.coords - center;
         sum + spoke * spoke.transpose() / count
-    };
-    let covariance = net.base().iter().fold(Matrix3::zeros(), spread);
+    });
     if !covariance.iter().all(|x| x.is_finite()) {
         return None;
     }
@@ -176,8 +175,10 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
     let first =
         |a: usize, b: usize| if eigen.eigenvalues[a] < eigen.eigenvalues[b] { b } else { a };
     let principal = eigen.eigenvectors.column(first(first(0, 1), 2)).into_owned();
-    let largest = |a: usize, b: usize| if principal[a].abs() < principal[b].abs() { b } else { a };
-    let sign = principal[largest(largest(0, 1), 2)].signum();
+    fn largest(a: usize, b: usize, principal: Vector3<f64>) -> usize {
+        if principal[a].abs() < principal[b].abs() { b } else { a }
+    }
+    let sign = principal[largest(largest(0, 1, principal), 2, principal)].signum();
     Unit::try_new(normal.cross(&(principal * sign)), PARALLEL)
 }
 
@@ -202,6 +203,8 @@ fn mean_normal(net: &value::ControlNet) -> Result<Direction, DirectionError> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
@@ -215,9 +218,15 @@ mod tests {
     /// The net of a wide rectangle on a plane with signed zeros.
     fn net() -> value::ControlNet {
         let range = range(24, 14, |_, _| -0.0);
-        let inside = |x, y| (4..20).contains(&x) && (4..10).contains(&y);
-        control_net(&region(&range, inside), &range, NetMethod::Grid, 0, 0, &Progress::none())
-            .unwrap()
+        control_net(
+            &region(&range, |x, y| (4..20).contains(&x) && (4..10).contains(&y)),
+            &range,
+            NetMethod::Grid,
+            0,
+            0,
+            &Progress::none(),
+        )
+        .unwrap()
     }
 
     fn step(distance: f64, angle: f64, axis: [f64; 3]) -> OffsetStep {
@@ -234,9 +243,9 @@ mod tests {
     #[test]
     fn an_offset_of_zero_keeps_every_bit() {
         let net = net();
-        let bits = |net: &value::ControlNet| -> Vec<[u64; 3]> {
+        fn bits(net: &value::ControlNet) -> Vec<[u64; 3]> {
             net.points().iter().map(|point| [0, 1, 2].map(|k| point[k].to_bits())).collect()
-        };
+        }
         for steps in [
             &[][..],
             &[step(0.0, 0.0, [0.0; 3])],

@@ -21,14 +21,16 @@ impl Node for PointNet {
 
     fn check(&self) -> Result<(), FieldError> {
         let help = "write at least two rows of equally many points, as `[[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]`";
-        let refused = |why: &dyn std::fmt::Display| FieldError::new("points", why, help);
-        let net = point_net(&self.points).map_err(|why| refused(&why))?;
+        fn refused(why: &dyn std::fmt::Display, help: &str) -> FieldError {
+            FieldError::new("points", why, help)
+        }
+        let net = point_net(&self.points).map_err(|why| refused(&why, help))?;
         // No surface has such a net.
         match (net.rows(), net.columns()) {
             (2.., 2..) => Ok(()),
             (rows, columns) => {
                 let wanted = "expected at least 2 rows and 2 columns";
-                Err(refused(&format!("{wanted}, found {rows} and {columns}")))
+                Err(refused(&format!("{wanted}, found {rows} and {columns}"), help))
             }
         }
     }

@@ -134,8 +134,8 @@ const FLAT: f64 = 1e-6;
 /// If a point is not in the plane, or its x is negative.
 pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
     let points = curve.points();
-    let off = |point: &Point3<f64>| point.z.abs() > FLAT * point.coords.norm();
-    if let Some(index) = points.iter().position(off) {
+    if let Some(index) = points.iter().position(|point| point.z.abs() > FLAT * point.coords.norm())
+    {
         return Err(RevolveError::NotFlat { index, z: points[index].z });
     }
     let mut profile: Vec<[f64; 2]> = points.iter().map(|point| [point.x, point.y]).collect();
@@ -157,8 +157,9 @@ fn turned(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, Re
         |&[radius, y]: &[f64; 2]| SQUARE.map(|[x, z]| Point3::new(radius * x, y, radius * z));
     let points: Vec<_> = profile.iter().flat_map(ring).collect();
     let corner = 0.5f64.sqrt();
-    let weight = |k: usize| weights[k / 9] * if (k % 9).is_multiple_of(2) { 1.0 } else { corner };
-    let weights = (0..points.len()).map(weight).collect();
+    let weights = (0..points.len())
+        .map(|k: usize| weights[k / 9] * if (k % 9).is_multiple_of(2) { 1.0 } else { corner })
+        .collect();
     Ok(value::ControlNet::new(profile.len(), 9, points)?.with_weights(weights)?)
 }
 
@@ -189,7 +190,9 @@ mod tests {
 
     #[test]
     fn a_half_circle_becomes_a_sphere() {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.0)
+        }
         let points = vec![at(0., -2.), at(2., -2.), at(2., 0.), at(2., 2.), at(0., 2.)];
         let corner = 0.5f64.sqrt();
         let knots = KnotVector::new(2, vec![0., 0., 0., 1., 1., 2., 2., 2.]).unwrap();

@@ -92,7 +92,9 @@ pub fn tessellate(
 
 /// How many vertices a mesh of so many quads has at least; what is chosen is no more than this, unless the net has more spans.
 fn vertices(surface: &Surface, [u, v]: [usize; 2]) -> f64 {
-    let along = |given: usize, control: usize| given.max(control).saturating_add(1) as f64;
+    fn along(given: usize, control: usize) -> f64 {
+        given.max(control).saturating_add(1) as f64
+    }
     let net = surface.net();
     along(u, net.rows()) * along(v, net.columns())
 }

@@ -99,7 +99,9 @@ pub fn weights(
             return Err(WeightsError::Count { what, factors, count });
         }
     }
-    let factor = |factors: &[f64], k: usize| factors.get(k).copied().unwrap_or(1.0);
+    fn factor(factors: &[f64], k: usize) -> f64 {
+        factors.get(k).copied().unwrap_or(1.0)
+    }
     let changed = net.weights().iter().enumerate().map(|(index, weight)| {
         let (row, column) = (index / net.columns(), index % net.columns());
         weight * (all * factor(rows, row) * factor(columns, column))
@@ -151,7 +153,9 @@ mod tests {
     #[test]
     fn a_region_needs_a_net_of_its_grid() {
         let (here, there) = (range(12, 10, |_, _| 1.0), range(11, 10, |_, _| 1.0));
-        let part = |range| region(range, |x, y| x < 5 && y < 4);
+        fn part(range: &maquette_value::RangeImage) -> Region {
+            region(range, |x, y| x < 5 && y < 4)
+        }
         assert_eq!(weights_inside(&net(), &part(&here), 2.0), Err(WithinError::NoChart.into()));
         let made =
             control_net(&part(&here), &here, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();

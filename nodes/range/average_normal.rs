@@ -126,11 +126,14 @@ pub fn principal_normal(
     if size == 0.0 || !size.is_finite() {
         return Err(AverageNormalError::Line);
     }
-    let spread = |point: &Point3<f64>| {
-        let offset = (point - center) / size;
-        offset * offset.transpose()
-    };
-    let covariance: Matrix3<f64> = region.points().iter().map(spread).sum();
+    let covariance: Matrix3<f64> = region
+        .points()
+        .iter()
+        .map(|point| {
+            let offset = (point - center) / size;
+            offset * offset.transpose()
+        })
+        .sum();
     let axes = SymmetricEigen::new(covariance);
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| axes.eigenvalues[a].total_cmp(&axes.eigenvalues[b]));
@@ -212,12 +215,14 @@ mod tests {
         at: impl Fn(f64, f64) -> Point3<f64>,
         inside: impl Fn(usize, usize) -> bool,
     ) -> (Region, RangeImage) {
-        let place = |cell: usize| (cell % width, cell / width);
+        fn place(cell: usize, width: usize) -> (usize, usize) {
+            (cell % width, cell / width)
+        }
         let points: Vec<Point3<f64>> = (0..width * height)
-            .map(|cell| at(place(cell).0 as f64, place(cell).1 as f64))
+            .map(|cell| at(place(cell, width).0 as f64, place(cell, width).1 as f64))
             .collect();
         let cells: Vec<u32> = (0..width * height)
-            .filter(|&cell| inside(place(cell).0, place(cell).1))
+            .filter(|&cell| inside(place(cell, width).0, place(cell, width).1))
             .map(|cell| cell as u32)
             .collect();
         let inner: Vec<Point3<f64>> = cells.iter().map(|&cell| points[cell as usize]).collect();
@@ -255,13 +260,17 @@ mod tests {
 
     #[test]
     fn a_symmetric_hemisphere_has_its_axis() {
-        let at = |column: f64, row: f64| {
-            let (x, y) = (column - 10.0, row - 10.0);
-            Point3::new(x, y, 500.0 - (400.0 - x * x - y * y).sqrt())
-        };
         let in_disk =
             |column: usize, row: usize| column.abs_diff(10).pow(2) + row.abs_diff(10).pow(2) <= 100;
-        let (region, range) = part(21, 21, at, in_disk);
+        let (region, range) = part(
+            21,
+            21,
+            |column: f64, row: f64| {
+                let (x, y) = (column - 10.0, row - 10.0);
+                Point3::new(x, y, 500.0 - (400.0 - x * x - y * y).sqrt())
+            },
+            in_disk,
+        );
         for weight in BOTH {
             let normal = average_normal(&region, &range, weight).unwrap();
             assert!((normal.vector().into_inner() + Vector3::z()).norm() < 1e-12);
@@ -298,20 +307,21 @@ mod tests {
     #[test]
     fn a_large_triangle_counts_more_by_area() {
         // Two frontal cells of 1 mm, and a roof of 3 mm beside them.
-        let at = |column: f64, row: f64| match column as u32 {
+        let (region, range) = whole(3, 2, |column: f64, row: f64| match column as u32 {
             2 => Point3::new(1.0, row, 103.0),
             _ => Point3::new(column, row, 100.0),
-        };
-        let (region, range) = whole(3, 2, at);
-        let turned = |weight| average_normal(&region, &range, weight).unwrap().vector().x.abs();
-        assert!((turned(Weight::Unit) - 0.5f64.sqrt()).abs() < 1e-12);
-        assert!((turned(Weight::Area) - 3.0 / 10f64.sqrt()).abs() < 1e-12);
+        });
+        fn turned(weight: Weight, region: &Region, range: &RangeImage) -> f64 {
+            average_normal(region, range, weight).unwrap().vector().x.abs()
+        }
+        assert!((turned(Weight::Unit, &region, &range) - 0.5f64.sqrt()).abs() < 1e-12);
+        assert!((turned(Weight::Area, &region, &range) - 3.0 / 10f64.sqrt()).abs() < 1e-12);
     }
 
     #[test]
     fn one_row_has_no_triangle_and_falls_back_to_the_nearest_plane() {
-        let bent = |column: f64, _: f64| Point3::new(column, column * column * 0.1, 100.0);
-        let (region, range) = whole(5, 1, bent);
+        let (region, range) =
+            whole(5, 1, |column: f64, _: f64| Point3::new(column, column * column * 0.1, 100.0));
         for weight in BOTH {
             let error = average_normal(&region, &range, weight);
             assert_eq!(error, Err(AverageNormalError::NoTriangle));
@@ -331,16 +341,16 @@ mod tests {
 
     #[test]
     fn points_too_far_apart_to_be_measured_are_an_error() {
-        let at = |column: f64, row: f64| Point3::new(column * 1e307, row * 1e307, 1e307);
-        let (region, range) = whole(9, 9, at);
+        let (region, range) =
+            whole(9, 9, |column: f64, row: f64| Point3::new(column * 1e307, row * 1e307, 1e307));
         assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
         assert!(average_normal(&region, &range, Weight::Unit).is_err());
     }
 
     #[test]
     fn a_region_that_turns_back_on_itself_has_no_direction() {
-        let folded = |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0);
-        let (region, range) = whole(3, 2, folded);
+        let (region, range) =
+            whole(3, 2, |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0));
         let error = average_normal(&region, &range, Weight::Unit);
         assert!(matches!(
             error,
@@ -350,7 +360,9 @@ mod tests {
 
     #[test]
     fn a_region_of_another_grid_is_an_error() {
-        let at = |column: f64, row: f64| Point3::new(column, row, 9.0);
+        fn at(column: f64, row: f64) -> Point3<f64> {
+            Point3::new(column, row, 9.0)
+        }
         let ((region, _), (_, range)) = (whole(3, 2, at), whole(2, 3, at));
         let error = average_normal(&region, &range, Weight::Unit);
         assert!(matches!(error, Err(AverageNormalError::Size { .. })));

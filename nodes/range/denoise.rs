@@ -96,15 +96,17 @@ pub fn denoise(
         progress.tick(f64::from(iteration) / f64::from(how.iterations))?;
         heights = smoothed(&heights, range.width(), rays, how.depth, &pairs);
     }
-    let along = |(&point, (&old, &new)): (&Point3<f64>, (&f64, &f64))| {
-        let moved = match rays {
-            Rays::FromOrigin => point * (old / new),
-            Rays::AlongZ => Point3::new(point.x, point.y, new),
-        };
-        if moved.coords.iter().all(|x| x.is_finite()) { moved } else { point }
-    };
     let points = range.points().par_iter().with_min_len(4096);
-    let points = points.zip(before.par_iter().zip(&heights)).map(along).collect();
+    let points = points
+        .zip(before.par_iter().zip(&heights))
+        .map(|(&point, (&old, &new)): (&Point3<f64>, (&f64, &f64))| {
+            let moved = match rays {
+                Rays::FromOrigin => point * (old / new),
+                Rays::AlongZ => Point3::new(point.x, point.y, new),
+            };
+            if moved.coords.iter().all(|x| x.is_finite()) { moved } else { point }
+        })
+        .collect();
     Ok(range.with_points(points).expect("as many points as before"))
 }
 
@@ -139,9 +141,9 @@ fn smoothed(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair
         return Vec::new();
     }
     let rows = heights.len() / width;
-    let inside = |row: isize, column: isize| {
+    fn inside(row: isize, column: isize, rows: usize, width: usize) -> bool {
         (0..rows as isize).contains(&row) && (0..width as isize).contains(&column)
-    };
+    }
     let one = |cell: usize| {
         let here = heights[cell];
         let [row, column] = [cell / width, cell % width].map(|place| place as isize);
@@ -154,7 +156,7 @@ fn smoothed(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair
         for pair in pairs {
             let [above, below] = [row - pair.row, row + pair.row];
             let [left, right] = [column - pair.column, column + pair.column];
-            if !(inside(above, left) && inside(below, right)) {
+            if !(inside(above, left, rows, width) && inside(below, right, rows, width)) {
                 continue;
             }
             let step = pair.row * width as isize + pair.column;
@@ -185,11 +187,12 @@ mod tests {
 
     /// What a camera sees at depths by column and row.
     fn seen(depth: impl Fn(f64, f64) -> f64) -> RangeImage {
-        let point = |cell: usize| {
-            let pixel = [(cell % WIDTH) as f64, (cell / WIDTH) as f64];
-            CAMERA.unproject(pixel, depth(pixel[0], pixel[1]))
-        };
-        let points = (0..WIDTH * 48).map(point).collect();
+        let points = (0..WIDTH * 48)
+            .map(|cell: usize| {
+                let pixel = [(cell % WIDTH) as f64, (cell / WIDTH) as f64];
+                CAMERA.unproject(pixel, depth(pixel[0], pixel[1]))
+            })
+            .collect();
         RangeImage::new(WIDTH, 48, points).unwrap().with_camera(Some(CAMERA))
     }
 
@@ -260,9 +263,13 @@ mod tests {
     fn iterations_are_runs_and_a_depth_of_nothing_changes_nothing() {
         let noisy = seen(|column, row| 700.0 + noise(column, row));
         let twice = run(&run(&noisy, 1), 1);
-        let far = |(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).norm();
         let both = run(&noisy, 2);
-        let farthest = both.points().iter().zip(twice.points()).map(far).fold(0.0, f64::max);
+        let farthest = both
+            .points()
+            .iter()
+            .zip(twice.points())
+            .map(|(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).norm())
+            .fold(0.0, f64::max);
         assert!(farthest < 1e-9);
         let how = Denoising { radius: 2, depth: 0.0, iterations: 1 };
         assert_eq!(denoise(&noisy, how, &Progress::none()).unwrap(), noisy);

@@ -218,8 +218,12 @@ pub fn extract_region(
     let pieces = label(&usable, Connectivity::Four);
     let no_point = ExtractRegionError::NoPoint { label: number, cells };
     let &largest = pieces.by_area().first().ok_or(no_point.clone())?;
-    let is_seen = |(cell, &piece): (usize, &u32)| piece == largest && range.point(cell).is_some();
-    if !pieces.pixels().iter().enumerate().any(is_seen) {
+    if !pieces
+        .pixels()
+        .iter()
+        .enumerate()
+        .any(|(cell, &piece)| piece == largest && range.point(cell).is_some())
+    {
         return Err(no_point);
     }
     finish(&pieces, largest, range, progress)
@@ -231,20 +235,21 @@ fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
     if count == 0 {
         return Err(ExtractRegionError::NoLabels);
     }
-    let missing = |what, number| ExtractRegionError::NoSuchPart { what, number, count };
-    let rank = |rank: u32| {
+    fn missing(what: &'static str, number: u32, count: usize) -> ExtractRegionError {
+        ExtractRegionError::NoSuchPart { what, number, count }
+    }
+    fn rank(rank: u32, labels: &Labels) -> Option<u32> {
         let place = (rank as usize).checked_sub(1);
         place.and_then(|place| labels.by_area().get(place).copied())
-    };
+    }
     match pick {
-        Pick::Largest => rank(1).ok_or(missing("rank", 1)),
-        Pick::Smallest => {
-            let area = |label: &u32| labels.statistics()[*label as usize - 1].area;
-            (1..=count as u32).min_by_key(area).ok_or(ExtractRegionError::NoLabels)
-        }
-        Pick::Rank(number) => rank(number).ok_or(missing("rank", number)),
+        Pick::Largest => rank(1, labels).ok_or(missing("rank", 1, count)),
+        Pick::Smallest => (1..=count as u32)
+            .min_by_key(|label| labels.statistics()[*label as usize - 1].area)
+            .ok_or(ExtractRegionError::NoLabels),
+        Pick::Rank(number) => rank(number, labels).ok_or(missing("rank", number, count)),
         Pick::Label(label) if (1..=count).contains(&(label as usize)) => Ok(label),
-        Pick::Label(label) => Err(missing("label", label)),
+        Pick::Label(label) => Err(missing("label", label, count)),
         Pick::At(column, row) => label_at(labels, column, row),
     }
 }
@@ -259,14 +264,17 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegion
     if label != 0 {
         return Ok(label);
     }
-    let place = |index: usize| [index % size[0], index / size[0]];
-    let distance_sq = |index: &usize| {
-        let [x, y] = [0, 1].map(|axis| place(*index)[axis].abs_diff(at[axis]) as u64);
-        x * x + y * y
-    };
+    fn place(index: usize, size: [usize; 2]) -> [usize; 2] {
+        [index % size[0], index / size[0]]
+    }
     let labelled = (0..labels.pixels().len()).filter(|&index| labels.pixels()[index] != 0);
-    let index = labelled.min_by_key(distance_sq).ok_or(ExtractRegionError::NoLabels)?;
-    let (nearest, label) = (place(index), labels.pixels()[index]);
+    let index = labelled
+        .min_by_key(|index| {
+            let [x, y] = [0, 1].map(|axis| place(*index, size)[axis].abs_diff(at[axis]) as u64);
+            x * x + y * y
+        })
+        .ok_or(ExtractRegionError::NoLabels)?;
+    let (nearest, label) = (place(index, size), labels.pixels()[index]);
     Err(ExtractRegionError::Background { column, row, nearest, label })
 }
 
@@ -283,10 +291,13 @@ fn finish(
         (0..).zip(&grid).filter(|(_, inside)| **inside == 1).map(|(cell, _)| cell).collect();
     let mut points: Vec<Point3<f64>> =
         cells.iter().map(|&cell| range.points()[cell as usize]).collect();
-    let filled = |(&cell, point): (&u32, &Point3<f64>)| {
-        u8::from(point.x.is_nan() || range.is_filled(cell as usize))
-    };
-    let filled = cells.iter().zip(&points).map(filled).collect();
+    let filled = cells
+        .iter()
+        .zip(&points)
+        .map(|(&cell, point): (&u32, &Point3<f64>)| {
+            u8::from(point.x.is_nan() || range.is_filled(cell as usize))
+        })
+        .collect();
     if points.iter().any(|point| point.x.is_nan()) {
         let component = &pieces.statistics()[number as usize - 1];
         fill_points([component.low, component.high], width, &cells, &mut points, progress)?;

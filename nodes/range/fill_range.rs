@@ -73,14 +73,14 @@ pub fn fill_range(
 ) -> Result<RangeImage, FillRangeError> {
     let (width, longest) = (range.width(), longest_edge(range, jump));
     let mut points = range.points().to_vec();
-    let is_small = |shadow: &[u32]| shadow.len() <= largest;
-    let cells = fill_shadows(width, &mut points, longest, is_small, progress)?;
+    let cells =
+        fill_shadows(width, &mut points, longest, |shadow| shadow.len() <= largest, progress)?;
     if cells.is_empty() {
         return Ok(range.clone());
     }
     let all = 0..points.len();
-    let mut filled = Vec::from_iter(all.clone().map(|cell| u8::from(range.is_filled(cell))));
-    let mut joined = Vec::from_iter(all.map(|cell| range.joined(cell)));
+    let mut filled: Vec<_> = all.clone().map(|cell| u8::from(range.is_filled(cell))).collect();
+    let mut joined: Vec<_> = all.map(|cell| range.joined(cell)).collect();
     cells.iter().for_each(|&cell| filled[cell as usize] = 1);
     join_around(width, &cells, &points, &mut joined);
     Ok(range.with_points(points)?.with_filled(filled)?.with_joined(joined)?)
@@ -95,7 +95,7 @@ mod tests {
 
     /// A ball before a wall, seen from the left with a light from the right, so that a shadow lies at the ball's left.
     fn scan() -> RangeImage {
-        let point = |cell: usize| {
+        fn point(cell: usize) -> Point3<f64> {
             let [x, y] = [(cell % 40) as f64 - 20.0, (cell / 40) as f64 - 15.0];
             let from = libm::hypot(x, y);
             let shadow = from > 8.0 && x < -3.0 && from < 11.0;
@@ -107,7 +107,7 @@ mod tests {
                 500.0
             };
             Point3::new(x, y, z)
-        };
+        }
         RangeImage::new(40, 30, (0..1200).map(point).collect()).unwrap()
     }
 
@@ -117,8 +117,7 @@ mod tests {
         for face in mesh.faces().as_triangles().unwrap() {
             edges.extend((0..3).map(|k| [face[k], face[(k + 1) % 3]]));
         }
-        let alone = |[a, b]: &&[u32; 2]| !edges.contains(&[*b, *a]);
-        edges.iter().filter(alone).count()
+        edges.iter().filter(|[a, b]| !edges.contains(&[*b, *a])).count()
     }
 
     #[test]
@@ -126,8 +125,7 @@ mod tests {
         let range = scan();
         let whole = fill_range(&range, 1000, 20.0, &Progress::none()).unwrap();
         assert!(range.n_valid() < 1150 && whole.n_valid() == 1200);
-        let new = |cell: &usize| range.point(*cell).is_none();
-        for cell in (0..1200).filter(new) {
+        for cell in (0..1200).filter(|cell| range.point(*cell).is_none()) {
             assert!(whole.is_filled(cell) && whole.joined(cell) != 0);
             assert!((481.0..502.0).contains(&whole.points()[cell].z), "{cell}");
         }

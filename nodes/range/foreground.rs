@@ -95,8 +95,9 @@ impl Node for Foreground {
             ForegroundBy::Luma { .. } => ("Luma", "image", self.image.is_some()),
         };
         let help = format!("link it, as `{port}: \"node\"`, or choose by something else");
-        let missing = || FieldError::new("by", ForegroundError::Missing { by, port }, help);
-        is_linked.then_some(()).ok_or_else(missing)
+        is_linked
+            .then_some(())
+            .ok_or_else(|| FieldError::new("by", ForegroundError::Missing { by, port }, help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -130,29 +131,32 @@ pub fn foreground(
             return Err(ForegroundError::Size { image, picture });
         }
     }
-    let whole = |mask: Mask| {
+    fn whole(mask: Mask, close_radius: usize, fill: bool) -> Mask {
         let closed = close(&mask, close_radius);
         if fill { fill_holes(&closed) } else { closed }
-    };
+    }
     let need_image = |by| image.ok_or(ForegroundError::Missing { by, port: "image" });
     match *by {
         ForegroundBy::Valid => {
             let range = range.ok_or(ForegroundError::Missing { by: "Valid", port: "range" })?;
-            Ok(lift(&whole(valid(range)), range))
+            Ok(lift(&whole(valid(range), close_radius, fill), range))
         }
         ForegroundBy::KeyColor { color, distance } => {
             let background = Select::Near { color, distance, lightness: 1.0 };
-            Ok(whole(select(need_image("KeyColor")?, &background, true)))
+            Ok(whole(select(need_image("KeyColor")?, &background, true), close_radius, fill))
         }
         ForegroundBy::Luma { above: None } => {
             let bright = Select::Otsu { channel: Channel::Luma };
-            Ok(whole(select(need_image("Luma")?, &bright, false)))
+            Ok(whole(select(need_image("Luma")?, &bright, false), close_radius, fill))
         }
         ForegroundBy::Luma { above: Some(above) } => {
             let image = need_image("Luma")?;
-            let bright = |&pixel| u8::from(level(Channel::Luma, pixel) > u32::from(above));
-            let bright = image.pixels().iter().map(bright).collect();
-            Ok(whole(mask(image.width(), image.height(), bright)))
+            let bright = image
+                .pixels()
+                .iter()
+                .map(|&pixel| u8::from(level(Channel::Luma, pixel) > u32::from(above)))
+                .collect();
+            Ok(whole(mask(image.width(), image.height(), bright), close_radius, fill))
         }
     }
 }
@@ -176,10 +180,10 @@ fn fill_holes(object: &Mask) -> Mask {
     let (width, height) = (object.width(), object.height());
     let background = object.pixels().iter().map(|pixel| 1 - pixel).collect();
     let parts = label(&mask(width, height, background), Connectivity::Four);
-    let is_object = |&part: &u32| {
+    fn is_object(&part: &u32, parts: &maquette_value::Labels) -> bool {
         part.checked_sub(1).is_none_or(|part| !parts.statistics()[part as usize].touches_border)
-    };
-    let filled = parts.pixels().iter().map(|part| u8::from(is_object(part)));
+    }
+    let filled = parts.pixels().iter().map(|part| u8::from(is_object(part, &parts)));
     mask(width, height, filled.collect())
 }
 
@@ -221,7 +225,9 @@ mod tests {
     /// A range image that is valid where the drawing has `#`.
     fn scan(rows: &[&str]) -> RangeImage {
         let valid = Mask::drawn(rows);
-        let z = |&valid: &u8| if valid == 1 { 700.0 } else { f64::NAN };
+        fn z(&valid: &u8) -> f64 {
+            if valid == 1 { 700.0 } else { f64::NAN }
+        }
         let points = valid.pixels().iter().map(|valid| Point3::new(0.0, 0.0, z(valid)));
         RangeImage::new(valid.width(), valid.height(), points.collect()).unwrap()
     }
@@ -246,11 +252,11 @@ mod tests {
 
     #[test]
     fn a_pixel_is_what_its_nearest_cell_is() {
-        let lifted = |scale: f64, offset: f64, picture: [usize; 2]| {
+        fn lifted(scale: f64, offset: f64, picture: [usize; 2]) -> String {
             let map = Registration { scale: [scale; 2], offset: [offset; 2], picture };
             let range = scan(&["#.", ".#"]).with_registration(map);
             foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
-        };
+        }
         assert_eq!(lifted(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
         // The last pixel lies on the last cell's rim; the one in the middle is as near to both and taken to the second.
         assert_eq!(lifted(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
@@ -274,10 +280,10 @@ mod tests {
 
     #[test]
     fn bright_pixels_are_foreground() {
-        let draw = |above| {
+        fn draw(above: Option<u8>) -> String {
             let by = ForegroundBy::Luma { above };
             foreground(None, Some(&picture()), &by, true, 0).unwrap().draw()
-        };
+        }
         assert_eq!(draw(None), "##..\n");
         assert_eq!(draw(Some(30)), "###.\n");
         assert_eq!(draw(Some(29)), "####\n");
@@ -285,7 +291,9 @@ mod tests {
 
     #[test]
     fn a_missing_port_is_named() {
-        let message = |by| foreground(None, None, &by, true, 0).unwrap_err().to_string();
+        fn message(by: ForegroundBy) -> String {
+            foreground(None, None, &by, true, 0).unwrap_err().to_string()
+        }
         expect!["`by: Valid` needs the port `range`, which is not linked"]
             .assert_eq(&message(ForegroundBy::Valid));
         expect!["`by: Luma` needs the port `image`, which is not linked"]

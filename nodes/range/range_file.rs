@@ -125,8 +125,7 @@ impl CameraSource<'_> {
         camera.iter().flat_map(|camera| &camera.notes).for_each(|note| cx.warn(note.clone()));
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
         // A PTX file has a unit of its own.
-        let doubtful = |units: &&str| *units != self.unit.word();
-        if let Some(units) = units.filter(doubtful)
+        if let Some(units) = units.filter(|units| *units != self.unit.word())
             && cx.file(self.range)?.ending() != "ptx"
         {
             cx.warn(format!(

@@ -57,10 +57,9 @@ impl Node for ReadCapture {
         let image = color.read(read_picture)?;
         exif::stored_note(color.bytes()).into_iter().for_each(|note| cx.warn(note));
         let warn = |note| cx.warn(note);
-        let read = |bytes: &[u8]| {
+        let range = match range.read(|bytes| {
             range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes, &warn)
-        };
-        let range = match range.read(read) {
+        }) {
             // A format of another pack, which knows units and axes itself.
             Err(error) if is_unknown(&error) => cx.read(&self.range)?,
             range => range?,
@@ -178,7 +177,9 @@ mod tests {
 
     #[test]
     fn a_camera_file_of_another_size_is_refused() {
-        let error = |from, to| read(Some(&CAMERA.replacen(from, to, 1)), Unit::Mm).unwrap_err();
+        fn error(from: &str, to: &str) -> Error {
+            read(Some(&CAMERA.replacen(from, to, 1)), Unit::Mm).unwrap_err()
+        }
         assert_eq!(
             error("\"width\": 4", "\"width\": 5").to_string(),
             "the camera file is for a picture of [5, 2], but the file has [4, 2]"
@@ -191,9 +192,9 @@ mod tests {
 
     #[test]
     fn what_cannot_be_read_is_named() {
-        let read_plain = |color: &[u8], range: &[u8], ending| {
+        fn read_plain(color: &[u8], range: &[u8], ending: &str) -> Error {
             read_capture(color, range, ending, None, Unit::Mm, Axes::Camera).unwrap_err()
-        };
+        }
         let error = read_plain(b"", pcd().as_bytes(), "pcd");
         assert!(error.to_string().starts_with("the picture cannot be read: "), "{error}");
         let error = read_plain(&png(), b"", "xyz");

@@ -156,12 +156,12 @@ mod tests {
 
     #[test]
     fn a_camera_of_the_grids_size_is_taken_along() {
-        let camera = |height: usize| {
+        fn camera(height: usize) -> CameraFile {
             let text = format!(
                 r#"{{"width": 1, "height": {height}, "fx": 10, "fy": 20, "cx": 0, "cy": 0.5}}"#
             );
             camera::read(text.as_bytes()).unwrap()
-        };
+        }
         let read =
             |camera| read_range(PTX.as_bytes(), "ptx", Some(&camera), Unit::Mm, Axes::Camera);
         let (range, color) = read(camera(2)).unwrap();

@@ -129,17 +129,20 @@ pub fn triangulate(
     let (cells, faces, positions, places) = loop {
         let fans = Fans::new(width, height, &triangles);
         let cells = fans.vertices();
-        let face = |triangle: &GridTriangle| {
-            let [a, b, c] = fans.face(width, *triangle);
-            if is_mirrored { [a, c, b] } else { [a, b, c] }
-        };
-        let faces: Vec<[u32; 3]> = triangles.par_iter().with_min_len(BLOCK).map(face).collect();
+        let faces: Vec<[u32; 3]> = triangles
+            .par_iter()
+            .with_min_len(BLOCK)
+            .map(|triangle| {
+                let [a, b, c] = fans.face(width, *triangle);
+                if is_mirrored { [a, c, b] } else { [a, b, c] }
+            })
+            .collect();
         let vertices = || cells.par_iter().with_min_len(BLOCK);
         let mut positions: Vec<Point3<f64>> = vertices().map(|&cell| points[cell]).collect();
-        let place = |&cell: &usize| [(cell % width) as f64, (cell / width) as f64];
-        let mut places: Vec<[f64; 2]> = vertices().map(place).collect();
-        let is_border = |vertex: u32| fans.wedges[cells[vertex as usize]] != u8::MAX;
-        let border = Border::new(&faces, is_border);
+        let mut places: Vec<[f64; 2]> =
+            vertices().map(|&cell| [(cell % width) as f64, (cell / width) as f64]).collect();
+        let border =
+            Border::new(&faces, |vertex: u32| fans.wedges[cells[vertex as usize]] != u8::MAX);
         let specks =
             border.smooth(smooth_border, [width, height], &faces, &mut positions, &mut places);
         if specks.is_empty() {
@@ -161,8 +164,8 @@ fn with_attributes(
     places: &[[f64; 2]],
 ) -> Result<Mesh, TriangulateError> {
     let map = range.registration();
-    let uv = |&place: &[f64; 2]| map.uv_from_range(place);
-    let uv: Vec<[f64; 2]> = places.par_iter().with_min_len(BLOCK).map(uv).collect();
+    let uv: Vec<[f64; 2]> =
+        places.par_iter().with_min_len(BLOCK).map(|&place| map.uv_from_range(place)).collect();
     let mut mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
     if cells.iter().any(|&cell| range.is_filled(cell)) {
         let filled = cells.iter().map(|&cell| u8::from(range.is_filled(cell))).collect();
@@ -250,11 +253,17 @@ mod tests {
     /// Cells with a point where the drawing has `#`, 1 mm apart, 500 mm away.
     fn drawn(rows: &[&str]) -> RangeImage {
         let mask = Mask::drawn(rows);
-        let point = |(index, &valid): (usize, &u8)| match valid {
-            1 => Point3::new((index % mask.width()) as f64, (index / mask.width()) as f64, 500.0),
-            _ => HOLE,
-        };
-        let points = mask.pixels().iter().enumerate().map(point).collect();
+        let points = mask
+            .pixels()
+            .iter()
+            .enumerate()
+            .map(|(index, &valid)| match valid {
+                1 => {
+                    Point3::new((index % mask.width()) as f64, (index / mask.width()) as f64, 500.0)
+                }
+                _ => HOLE,
+            })
+            .collect();
         RangeImage::new(mask.width(), mask.height(), points).unwrap()
     }
 
@@ -270,17 +279,20 @@ mod tests {
                 around[face[k] as usize].push([face[(k + 1) % 3], face[(k + 2) % 3]]);
             }
         }
-        let count = |spokes: Vec<[u32; 2]>| {
-            let mut fans: Vec<Vec<u32>> = Vec::new();
-            for pair in spokes {
-                let (joined, apart): (Vec<_>, Vec<_>) =
-                    fans.into_iter().partition(|fan| pair.iter().any(|spoke| fan.contains(spoke)));
-                fans = apart;
-                fans.push(joined.into_iter().flatten().chain(pair).collect());
-            }
-            fans.len()
-        };
-        around.into_iter().map(count).collect()
+        around
+            .into_iter()
+            .map(|spokes: Vec<[u32; 2]>| {
+                let mut fans: Vec<Vec<u32>> = Vec::new();
+                for pair in spokes {
+                    let (joined, apart): (Vec<_>, Vec<_>) = fans
+                        .into_iter()
+                        .partition(|fan| pair.iter().any(|spoke| fan.contains(spoke)));
+                    fans = apart;
+                    fans.push(joined.into_iter().flatten().chain(pair).collect());
+                }
+                fans.len()
+            })
+            .collect()
     }
 
     #[test]
@@ -342,21 +354,23 @@ mod tests {
 
     #[test]
     fn joined_triangles_are_never_cut_and_others_are() {
-        let step = |cell: usize| if cell % 4 < 2 { 500.0 } else { 600.0 };
+        fn step(cell: usize) -> f64 {
+            if cell % 4 < 2 { 500.0 } else { 600.0 }
+        }
         let points =
             (0..12).map(|cell| Point3::new((cell % 4) as f64, (cell / 4) as f64, step(cell)));
         let range = RangeImage::new(4, 3, points.collect()).unwrap();
         assert_eq!(plain(&range).faces().len(), 8);
-        let with = |bits: [u8; 2]| {
+        fn with(bits: [u8; 2], range: &RangeImage) -> Mesh {
             let joined =
                 (0..12).map(|cell| if cell % 4 == 1 && cell < 8 { bits[cell / 4] } else { 0 });
             plain(&range.clone().with_joined(joined.collect()).unwrap())
-        };
-        assert_eq!(with([3, 0]).faces().len(), 10);
-        assert_eq!(with([2, 12]).faces().len(), 11);
+        }
+        assert_eq!(with([3, 0], &range).faces().len(), 10);
+        assert_eq!(with([2, 12], &range).faces().len(), 11);
         let diagonal =
             |mesh: &Mesh| mesh.faces().iter().any(|face| face.contains(&2) && face.contains(&5));
-        assert!(diagonal(&with([12, 0])) && !diagonal(&with([3, 0])));
+        assert!(diagonal(&with([12, 0], &range)) && !diagonal(&with([3, 0], &range)));
     }
 
     #[test]
@@ -370,16 +384,17 @@ mod tests {
         let [steps, smooth] = [0, 20].map(|rounds| triangulate(&range, 6.0, 85.0, rounds).unwrap());
         assert_eq!(steps.faces(), smooth.faces());
         // How far the slanted edge is from a straight line, away from its ends.
-        let rough = |mesh: &Mesh| {
-            let right = |row: usize| {
-                let row = row as f64;
-                let points = mesh.positions().iter().filter(|point| (point.y - row).abs() < 0.5);
-                points.map(|point| point.x - 0.4 * point.y).fold(0.0, f64::max)
-            };
-            let (least, most) =
-                (6..18).map(right).fold((9e9_f64, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+        fn rough(mesh: &Mesh) -> f64 {
+            let (least, most) = (6..18)
+                .map(|row: usize| {
+                    let row = row as f64;
+                    let points =
+                        mesh.positions().iter().filter(|point| (point.y - row).abs() < 0.5);
+                    points.map(|point| point.x - 0.4 * point.y).fold(0.0, f64::max)
+                })
+                .fold((9e9_f64, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
             most - least
-        };
+        }
         assert!(rough(&smooth) < 0.45 * rough(&steps), "{} {}", rough(&smooth), rough(&steps));
         for (old, new) in steps.positions().iter().zip(smooth.positions().iter()) {
             let on_rim = old.x == 0.0 || old.y == 0.0 || old.y == 23.0;
@@ -425,16 +440,16 @@ mod tests {
     #[test]
     fn a_step_is_not_bridged() {
         let flat = drawn(&["####", "####"]);
-        let step = |depth: f64| {
+        fn step(depth: f64, flat: &RangeImage) -> RangeImage {
             let points = flat.points().iter().enumerate().map(|(index, &point)| {
                 if index % 4 < 2 { point } else { point + nalgebra::Vector3::z() * depth }
             });
             flat.with_points(points.collect()).unwrap()
-        };
-        assert_eq!(plain(&step(4.0)).faces().len(), 6);
-        assert_eq!(plain(&step(7.0)).faces().len(), 4);
-        assert_eq!(triangulate(&step(7.0), 8.0, 85.0, 0).unwrap().faces().len(), 6);
-        assert_eq!(triangulate(&step(7.0), 8.0, 80.0, 0).unwrap().faces().len(), 4);
+        }
+        assert_eq!(plain(&step(4.0, &flat)).faces().len(), 6);
+        assert_eq!(plain(&step(7.0, &flat)).faces().len(), 4);
+        assert_eq!(triangulate(&step(7.0, &flat), 8.0, 85.0, 0).unwrap().faces().len(), 6);
+        assert_eq!(triangulate(&step(7.0, &flat), 8.0, 80.0, 0).unwrap().faces().len(), 4);
     }
 
     #[test]

@@ -84,11 +84,13 @@ mod tests {
     #[test]
     fn what_is_no_plane_is_refused() {
         let scan = Scan::Mesh(square(0.0, false));
-        let told = |plane: &Mesh| crop(&scan, None, Some(plane), false).map(|it| it.count());
-        assert_eq!(told(&square(0.0, false)), Ok(2));
-        assert!(told(&square(0.05, false)).is_ok());
-        assert_eq!(told(&square(0.0, true)), Err(KeepError::NoPlane));
-        let bent = told(&square(1.0, false)).unwrap_err().to_string();
+        fn told(plane: &Mesh, scan: &Scan) -> Result<usize, KeepError> {
+            crop(scan, None, Some(plane), false).map(|it| it.count())
+        }
+        assert_eq!(told(&square(0.0, false), &scan), Ok(2));
+        assert!(told(&square(0.05, false), &scan).is_ok());
+        assert_eq!(told(&square(0.0, true), &scan), Err(KeepError::NoPlane));
+        let bent = told(&square(1.0, false), &scan).unwrap_err().to_string();
         assert!(
             bent.starts_with("the mesh at the port `plane` is not flat: its corners are 0."),
             "{bent}"

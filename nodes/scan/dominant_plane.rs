@@ -133,7 +133,7 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<Found, Do
         plane = plane.turned();
     }
     let on = left.iter().filter(|point| is_on(&plane, point, distance));
-    let on = Vec::from_iter(on.map(|point| flat(&plane, point)));
+    let on: Vec<_> = on.map(|point| flat(&plane, point)).collect();
     let part = Part::largest(&on, distance);
     let places = scan.places().iter().filter(|place| is_on(&plane, place, distance));
     // Points inside of large faces do not reach to their rim.
@@ -163,19 +163,20 @@ fn points_of(scan: &Scan) -> Vec<Point3<f64>> {
     let count = SPREAD.max(mesh.positions().len());
     let mut random = Random(2);
     let mut at = 0;
-    let point = |k: usize| {
-        let area = total * (k as f64 + 0.5) / count as f64;
-        while triangles[at].0 < area && at + 1 < triangles.len() {
-            at += 1;
-        }
-        let (_, [a, b, c]) = triangles[at];
-        let [mut u, mut v] = [(); 2].map(|()| random.even());
-        if u + v > 1.0 {
-            (u, v) = (1.0 - u, 1.0 - v);
-        }
-        a + u * (b - a) + v * (c - a)
-    };
-    (0..count).map(point).collect()
+    (0..count)
+        .map(|k: usize| {
+            let area = total * (k as f64 + 0.5) / count as f64;
+            while triangles[at].0 < area && at + 1 < triangles.len() {
+                at += 1;
+            }
+            let (_, [a, b, c]) = triangles[at];
+            let [mut u, mut v] = [(); 2].map(|()| random.even());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            a + u * (b - a) + v * (c - a)
+        })
+        .collect()
 }
 
 /// The places of a scan that are somewhere.
@@ -207,7 +208,7 @@ fn is_upside_down(plane: &Plane, scan: &Scan, points: &[Point3<f64>], distance: 
 /// The plane with the most points.
 fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     let step = points.len().div_ceil(JUDGES).max(1);
-    let judges = Vec::from_iter(points.iter().step_by(step));
+    let judges: Vec<_> = points.iter().step_by(step).collect();
     if points.is_empty() {
         return None;
     }
@@ -215,11 +216,16 @@ fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     let tried = (0..TRIES).filter_map(|_| {
         let [a, b, c] = [(); 3].map(|()| points[random.below(points.len())]);
         let plane = Plane::through(a, (b - a).cross(&(c - a)))?;
-        let miss = |point: &&Point3<f64>| {
-            let height = plane.height(point) / distance;
-            f64::min(height * height, 1.0)
-        };
-        Some((judges.iter().map(miss).sum::<f64>(), plane))
+        Some((
+            judges
+                .iter()
+                .map(|point| {
+                    let height = plane.height(point) / distance;
+                    f64::min(height * height, 1.0)
+                })
+                .sum::<f64>(),
+            plane,
+        ))
     });
     let (_, mut plane) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // What is near to the fitted plane is not quite what was near before.
@@ -240,13 +246,13 @@ struct Part {
 impl Part {
     /// By squares that are a hundredth as long as all points, but no less than four times as long as `distance`.
     fn largest(points: &[[f64; 2]], distance: f64) -> Self {
-        let ends = |axis: usize| {
+        fn ends(axis: usize, points: &[[f64; 2]]) -> (f64, f64) {
             let along = points.iter().map(|point| point[axis]);
             along.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| {
                 (least.min(x), most.max(x))
             })
-        };
-        let [(left, right), (bottom, top)] = [ends(0), ends(1)];
+        }
+        let [(left, right), (bottom, top)] = [ends(0, points), ends(1, points)];
         let side = f64::max(4.0 * distance, 0.01 * f64::max(right - left, top - bottom));
         let mut part = Self { corner: [left, bottom], side, squares: BTreeSet::new() };
         let mut counts: BTreeMap<[i64; 2], usize> = BTreeMap::new();
@@ -287,19 +293,24 @@ fn around([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
 impl Found {
     /// Whether each place of the scan stands on it: more than `distance` above it, up to `height`, and not nearer to its rim than `inset`.
     pub fn above(&self, scan: &Scan, distance: f64, height: f64, inset: f64) -> Vec<bool> {
-        let is_above = |place: &Point3<f64>| {
-            let at = self.plane.height(place);
-            distance < at && at <= height && self.hull.contains(flat(&self.plane, place), inset)
-        };
-        scan.places().iter().map(is_above).collect()
+        scan.places()
+            .iter()
+            .map(|place| {
+                let at = self.plane.height(place);
+                distance < at && at <= height && self.hull.contains(flat(&self.plane, place), inset)
+            })
+            .collect()
     }
 
     /// A rectangle on it around its largest part, its face looking up, in the axes of the scan.
     pub fn mesh(&self, scan: &Scan) -> Mesh {
         let [first, second] = self.plane.axes();
         let foot = self.plane.normal.into_inner() * self.plane.offset;
-        let corner = |at: [f64; 2]| Point3::from(foot + first * at[0] + second * at[1]);
-        let corners = self.hull.rectangle().map(corner).to_vec();
+        let corners = self
+            .hull
+            .rectangle()
+            .map(|at: [f64; 2]| Point3::from(foot + first * at[0] + second * at[1]))
+            .to_vec();
         let faces = Faces::uniform(4, vec![0, 1, 2, 3]).expect("a face of four corners");
         let mesh = Mesh::new(corners, faces).expect("four corners");
         let frame = match scan {
@@ -322,16 +333,18 @@ mod tests {
     fn room() -> Scan {
         let mut points = Vec::new();
         let mut random = Random(7);
-        let mut noise = || random.below(1000) as f64 / 500.0 - 1.0;
+        fn noise(random: &mut Random) -> f64 {
+            random.below(1000) as f64 / 500.0 - 1.0
+        }
         for k in 0..20_000 {
             let (x, y) = (f64::from(k % 200) * 2.0, f64::from(k / 200) * 2.0);
-            points.push(Point3::new(x, y, noise()));
+            points.push(Point3::new(x, y, noise(&mut random)));
         }
         for k in 0..2_000 {
             let (x, y) = (f64::from(k % 50), f64::from(k / 50));
-            points.push(Point3::new(150.0 + x, 80.0 + y, 50.0 + noise()));
-            points.push(Point3::new(-40.0 + noise(), 4.0 * y, 4.0 * x));
-            points.push(Point3::new(8.0 * x, 300.0 + 4.0 * y, -600.0 + noise()));
+            points.push(Point3::new(150.0 + x, 80.0 + y, 50.0 + noise(&mut random)));
+            points.push(Point3::new(-40.0 + noise(&mut random), 4.0 * y, 4.0 * x));
+            points.push(Point3::new(8.0 * x, 300.0 + 4.0 * y, -600.0 + noise(&mut random)));
         }
         Scan::Points(Points::new(points).unwrap())
     }
@@ -350,7 +363,9 @@ mod tests {
 
     #[test]
     fn the_next_planes_have_the_most_of_the_other_points() {
-        let normal = |rank| dominant_plane(&room(), 5.0, rank).unwrap().plane.normal;
+        fn normal(rank: u32) -> nalgebra::Unit<Vector3<f64>> {
+            dominant_plane(&room(), 5.0, rank).unwrap().plane.normal
+        }
         let others = [normal(2), normal(3), normal(4)];
         assert_eq!(others.iter().filter(|normal| normal.x.abs() > 0.99).count(), 1);
         assert_eq!(others.iter().filter(|normal| normal.z.abs() > 0.99).count(), 2);
@@ -361,16 +376,22 @@ mod tests {
     /// A triangle mesh of a square of this size, its lowest corner here, with so many steps along each side.
     fn sheet(size: f64, corner: [f64; 3], steps: u32) -> Triangles {
         let side = steps + 1;
-        let at = |k: u32| {
-            let [x, y] = [k % side, k / side].map(|k| size * f64::from(k) / f64::from(steps));
-            Point3::from(corner) + Vector3::new(x, y, 0.0)
-        };
-        let halves = |k: u32| {
-            let first = k % steps + side * (k / steps);
-            let [a, b, c, d] = [first, first + 1, first + side + 1, first + side];
-            [[a, b, c], [a, c, d]]
-        };
-        ((0..side * side).map(at).collect(), (0..steps * steps).flat_map(halves).collect())
+        (
+            (0..side * side)
+                .map(|k: u32| {
+                    let [x, y] =
+                        [k % side, k / side].map(|k| size * f64::from(k) / f64::from(steps));
+                    Point3::from(corner) + Vector3::new(x, y, 0.0)
+                })
+                .collect(),
+            (0..steps * steps)
+                .flat_map(|k: u32| {
+                    let first = k % steps + side * (k / steps);
+                    let [a, b, c, d] = [first, first + 1, first + side + 1, first + side];
+                    [[a, b, c], [a, c, d]]
+                })
+                .collect(),
+        )
     }
 
     fn mesh(parts: &[Triangles]) -> Scan {
@@ -398,11 +419,20 @@ mod tests {
 
     #[test]
     fn a_plane_through_edges_of_a_box_has_no_area() {
-        let at = |k: u32| Point3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2));
         let faces =
             [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
         let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
-        let scan = Scan::Mesh(Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap());
+        let scan = Scan::Mesh(
+            Mesh::new(
+                (0..8)
+                    .map(|k: u32| {
+                        Point3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2))
+                    })
+                    .collect::<Vec<_>>(),
+                faces,
+            )
+            .unwrap(),
+        );
         let found = dominant_plane(&scan, 0.001, 1).unwrap();
         assert!(found.plane.normal.iter().any(|x| x.abs() > 1.0 - 1e-9), "{:?}", found.plane);
         assert!((found.share - 1.0 / 6.0).abs() < 0.01);

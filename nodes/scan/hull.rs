@@ -11,7 +11,7 @@ impl Hull {
     pub(super) fn of(mut points: Vec<[f64; 2]>) -> Self {
         points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         points.dedup();
-        let chain = |points: &mut dyn Iterator<Item = [f64; 2]>| {
+        fn chain(points: &mut dyn Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
             let mut chain: Vec<[f64; 2]> = Vec::new();
             for point in points {
                 while let [.., a, b] = chain[..]
@@ -24,7 +24,7 @@ impl Hull {
             // It is the first one of the other chain.
             chain.pop();
             chain
-        };
+        }
         let mut corners = chain(&mut points.iter().copied());
         corners.extend(chain(&mut points.iter().rev().copied()));
         Self { corners }
@@ -33,11 +33,11 @@ impl Hull {
     /// Whether a point is in it, so far from its border at least.
     pub(super) fn contains(&self, point: [f64; 2], inset: f64) -> bool {
         let next = self.corners.iter().cycle().skip(1);
-        let is_inside = |(&a, &b): (&[f64; 2], &[f64; 2])| {
-            let length = libm::hypot(b[0] - a[0], b[1] - a[1]);
-            turn(a, b, point) >= inset * length
-        };
-        self.corners.len() > 2 && self.corners.iter().zip(next).all(is_inside)
+        self.corners.len() > 2
+            && self.corners.iter().zip(next).all(|(&a, &b): (&[f64; 2], &[f64; 2])| {
+                let length = libm::hypot(b[0] - a[0], b[1] - a[1]);
+                turn(a, b, point) >= inset * length
+            })
     }
 
     /// The corners of the rectangle around it, counter-clockwise; of a hull of nothing all are the origin.

@@ -84,14 +84,15 @@ fn shown(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, KeepError> {
         }
         return Err(KeepError::Size { mask: size, picture: map.picture, grid: [width, height] });
     }
-    let cell = |cell: usize| {
-        let at = map.picture_from_range([(cell % width) as f64, (cell / width) as f64]);
-        let pixel = at.map(f64::round);
-        let is_inside =
-            [0, 1].iter().all(|&axis| 0.0 <= pixel[axis] && pixel[axis] < size[axis] as f64);
-        is_inside && mask.contains(pixel.map(|x| x as usize))
-    };
-    Ok((0..width * height).map(cell).collect())
+    Ok((0..width * height)
+        .map(|cell: usize| {
+            let at = map.picture_from_range([(cell % width) as f64, (cell / width) as f64]);
+            let pixel = at.map(f64::round);
+            let is_inside =
+                [0, 1].iter().all(|&axis| 0.0 <= pixel[axis] && pixel[axis] < size[axis] as f64);
+            is_inside && mask.contains(pixel.map(|x| x as usize))
+        })
+        .collect())
 }
 
 #[cfg(test)]
@@ -103,12 +104,12 @@ mod tests {
     #[test]
     fn a_depth_whose_ends_are_exchanged_is_an_error() {
         let range = RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, 650.0)]).unwrap();
-        let between = |from, to| {
+        fn between(from: f64, to: f64, range: &RangeImage) -> Result<usize, KeepError> {
             let depth = Within::Depth { from: Some(from), to: Some(to) };
-            keep_cells(&range, None, Some(&depth), false).map(|kept| kept.n_valid())
-        };
-        assert_eq!(between(600.0, 700.0), Ok(1));
+            keep_cells(range, None, Some(&depth), false).map(|kept| kept.n_valid())
+        }
+        assert_eq!(between(600.0, 700.0, &range), Ok(1));
         let text = "the depth goes from 700 to 600: `from` must not be above `to`";
-        assert_eq!(between(700.0, 600.0).unwrap_err().to_string(), text);
+        assert_eq!(between(700.0, 600.0, &range).unwrap_err().to_string(), text);
     }
 }

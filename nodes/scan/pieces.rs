@@ -129,7 +129,7 @@ pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, PiecesError> {
     }
     let (of_places, firsts) = sets.numbered();
     let mut all =
-        Vec::from_iter(firsts.iter().map(|_| Piece { size: 0.0, distance: f64::INFINITY }));
+        firsts.iter().map(|_| Piece { size: 0.0, distance: f64::INFINITY }).collect::<Vec<_>>();
     match scan {
         Scan::Mesh(mesh) => {
             for face in mesh.faces().iter() {
@@ -149,7 +149,7 @@ pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, PiecesError> {
         }
     }
     // Vertices without a face and cells without a point are no pieces.
-    let mut order = Vec::from_iter((0..all.len()).filter(|&piece| all[piece].size > 0.0));
+    let mut order: Vec<_> = (0..all.len()).filter(|&piece| all[piece].size > 0.0).collect();
     order.sort_by(|&a, &b| all[b].size.total_cmp(&all[a].size));
     match *keep {
         Keep::Largest { count } => order.truncate(count as usize),
@@ -175,7 +175,7 @@ pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, PiecesError> {
     }
     let mut is_kept = vec![false; all.len()];
     order.into_iter().for_each(|piece| is_kept[piece] = true);
-    let kept = Vec::from_iter(of_places.iter().map(|&piece| is_kept[piece as usize]));
+    let kept: Vec<_> = of_places.iter().map(|&piece| is_kept[piece as usize]).collect();
     Ok(scan.only(&kept))
 }
 
@@ -207,7 +207,7 @@ fn join_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
     }
     // Half of the neighbors: the others find this cube.
     let around = (0..125).map(|k| [k / 25 - 2, k / 5 % 5 - 2, k % 5 - 2]);
-    let around = Vec::from_iter(around.filter(|step| *step > [0, 0, 0]));
+    let around: Vec<_> = around.filter(|step| *step > [0, 0, 0]).collect();
     for (cube, here) in &cubes {
         here.iter().for_each(|&other| sets.join(here[0], other));
         for step in &around {
@@ -219,10 +219,10 @@ fn join_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
             if sets.first(here[0]) == sets.first(there[0]) {
                 continue;
             }
-            let is_near = |&a: &u32, &b: &u32| {
+            fn is_near(&a: &u32, &b: &u32, gap: f64, points: &[Point3<f64>]) -> bool {
                 (points[a as usize] - points[b as usize]).norm_squared() <= gap * gap
-            };
-            if here.iter().any(|a| there.iter().any(|b| is_near(a, b))) {
+            }
+            if here.iter().any(|a| there.iter().any(|b| is_near(a, b, gap, points))) {
                 sets.join(here[0], there[0]);
             }
         }

@@ -45,15 +45,22 @@ impl Plane {
         let normal = mesh.faces().iter().map(|face| mesh.area_vector(face)).sum();
         let corners = mesh.faces().corners();
         let count = corners.len().max(1) as f64;
-        let at = |&vertex: &u32| mesh.positions()[vertex as usize];
-        let middle = corners.iter().map(|it| at(it).coords).sum::<Vector3<f64>>() / count;
+        fn at(&vertex: &u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        let middle = corners.iter().map(|it| at(it, mesh).coords).sum::<Vector3<f64>>() / count;
         let middle = Point3::from(middle);
         let plane = Self::through(middle, normal).ok_or(KeepError::NoPlane)?;
-        let mean = |square: &dyn Fn(Point3<f64>) -> f64| {
-            (corners.iter().map(|it| square(at(it))).sum::<f64>() / count).sqrt()
-        };
-        let off = mean(&|at| plane.height(&at) * plane.height(&at));
-        let size = mean(&|at| (at - middle).norm_squared());
+        fn mean(
+            square: &dyn Fn(Point3<f64>) -> f64,
+            count: f64,
+            corners: &maquette_value::Column<u32>,
+            mesh: &Mesh,
+        ) -> f64 {
+            (corners.iter().map(|it| square(at(it, mesh))).sum::<f64>() / count).sqrt()
+        }
+        let off = mean(&|at| plane.height(&at) * plane.height(&at), count, corners, mesh);
+        let size = mean(&|at| (at - middle).norm_squared(), count, corners, mesh);
         if MOST_BENT * size < off {
             return Err(KeepError::NotFlat { off, size });
         }

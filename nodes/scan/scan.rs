@@ -49,11 +49,15 @@ impl Scan {
     pub fn only(&self, kept: &[bool]) -> Self {
         match self {
             Self::RangeImage(range) => {
-                let point = |(&point, &kept): (&Point3<f64>, &bool)| match kept {
-                    true => point,
-                    false => Point3::new(f64::NAN, f64::NAN, f64::NAN),
-                };
-                let points = range.points().iter().zip(kept).map(point).collect();
+                let points = range
+                    .points()
+                    .iter()
+                    .zip(kept)
+                    .map(|(&point, &kept): (&Point3<f64>, &bool)| match kept {
+                        true => point,
+                        false => Point3::new(f64::NAN, f64::NAN, f64::NAN),
+                    })
+                    .collect();
                 Self::RangeImage(range.with_points(points).expect("as many points as cells"))
             }
             Self::Points(points) => {
@@ -62,8 +66,10 @@ impl Scan {
             }
             Self::Mesh(mesh) => {
                 let faces = (0..).zip(mesh.faces().iter());
-                let is_kept = |face: &[u32]| face.iter().all(|&vertex| kept[vertex as usize]);
-                let faces = faces.filter(|(_, face)| is_kept(face)).map(|(face, _)| face);
+                fn is_kept(face: &[u32], kept: &[bool]) -> bool {
+                    face.iter().all(|&vertex| kept[vertex as usize])
+                }
+                let faces = faces.filter(|(_, face)| is_kept(face, kept)).map(|(face, _)| face);
                 Self::Mesh(mesh.select(&Vec::from_iter(faces)))
             }
         }
@@ -71,13 +77,15 @@ impl Scan {
 
     /// What is said if nothing of it is left: where it was.
     pub(super) fn nothing_left(&self) -> String {
-        let range = |axis: usize| {
-            let along = || self.places().iter().filter(|place| is_there(place)).map(|it| it[axis]);
-            let least = along().fold(f64::INFINITY, f64::min);
-            let most = along().fold(f64::NEG_INFINITY, f64::max);
-            format!("{} {least:.0} to {most:.0}", ["x", "y", "z"][axis])
-        };
-        let ranges = [0, 1, 2].map(range).join(", ");
+        let ranges = [0, 1, 2]
+            .map(|axis: usize| {
+                let along =
+                    || self.places().iter().filter(|place| is_there(place)).map(|it| it[axis]);
+                let least = along().fold(f64::INFINITY, f64::min);
+                let most = along().fold(f64::NEG_INFINITY, f64::max);
+                format!("{} {least:.0} to {most:.0}", ["x", "y", "z"][axis])
+            })
+            .join(", ");
         format!("nothing is left: what came in lies at {ranges} mm")
     }
 

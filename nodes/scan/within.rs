@@ -70,9 +70,12 @@ impl Within {
     /// # Errors
     /// The box, the depth, the normal or the attribute is none.
     pub fn of(&self, scan: &Scan) -> Result<Vec<bool>, KeepError> {
-        let places = |is_in: &dyn Fn(&Point3<f64>) -> bool| {
-            Ok(Vec::from_iter(scan.places().iter().map(is_in)))
-        };
+        fn places(
+            is_in: &dyn Fn(&Point3<f64>) -> bool,
+            scan: &Scan,
+        ) -> Result<Vec<bool>, KeepError> {
+            Ok(scan.places().iter().map(is_in).collect::<Vec<_>>())
+        }
         match self {
             Self::Box { min, max } => {
                 for (axis, (&min, &max)) in "xyz".chars().zip(min.iter().zip(max)) {
@@ -81,21 +84,24 @@ impl Within {
                     }
                 }
                 let axes = || min.iter().zip(max);
-                places(&|at| at.iter().zip(axes()).all(|(x, (min, max))| (min..=max).contains(&x)))
+                places(
+                    &|at| at.iter().zip(axes()).all(|(x, (min, max))| (min..=max).contains(&x)),
+                    scan,
+                )
             }
             Self::Sphere { center, radius } => {
                 let center = Point3::from(*center);
-                places(&|at| (at - center).norm() <= *radius)
+                places(&|at| (at - center).norm() <= *radius, scan)
             }
             Self::Plane { through, normal } => {
                 let plane = Plane::through(Point3::from(*through), Vector3::from(*normal));
                 let plane = plane.ok_or(KeepError::NoNormal)?;
-                places(&|at| plane.height(at) >= 0.0)
+                places(&|at| plane.height(at) >= 0.0, scan)
             }
             Self::Depth { from: Some(from), to: Some(to) } if to < from => {
                 Err(KeepError::Depth { from: *from, to: *to })
             }
-            Self::Depth { from, to } => places(&|at| is_between(at.z, *from, *to)),
+            Self::Depth { from, to } => places(&|at| is_between(at.z, *from, *to), scan),
             Self::Attribute { name, from, to } => {
                 let attributes = match scan {
                     Scan::RangeImage(_) => None,

@@ -98,10 +98,10 @@ impl Ground {
 
 /// Twice the area of a face's shadow on the ground; positive if the face looks to where the base does not.
 fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
-    let place = |vertex: u32| ground.place(mesh.positions()[vertex as usize]);
     let fan = face[1..].windows(2);
     let areas = fan.map(|pair| {
-        let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
+        let [a, b, c] = [face[0], pair[0], pair[1]]
+            .map(|vertex: u32| ground.place(mesh.positions()[vertex as usize]));
         -(b - a).cross(&(c - a)).dot(&ground.down())
     });
     areas.sum()
@@ -110,8 +110,7 @@ fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
 /// What of a mesh looks to the sensor, without faces that hang by a vertex alone where others were taken away.
 pub(crate) fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
     let faces = mesh.faces();
-    let looks = |face: &[u32]| shadow(mesh, face, ground) > 0.0;
-    let mut is_seen = Vec::from_iter(faces.iter().map(looks));
+    let mut is_seen: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground) > 0.0).collect();
     // Where all look away it is the mesh that is turned round, and told so.
     if !is_seen.contains(&false) || !is_seen.contains(&true) {
         return mesh.clone();
@@ -142,7 +141,7 @@ pub(crate) fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
 /// If there is no border, or the faces look away.
 pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError> {
     let faces = mesh.faces();
-    let shadows = Vec::from_iter(faces.iter().map(|face| shadow(mesh, face, ground)));
+    let shadows: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground)).collect();
     // What looks away may still be nowhere in the way.
     if shadows.iter().sum::<f64>() <= 0.0 {
         let count = shadows.iter().filter(|area| **area <= 0.0).count();
@@ -153,11 +152,13 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError>
         return Err(BaseError::NoBorder);
     }
     let mut grown = Grown::new(mesh);
-    let vertex = |corner: u32| faces.corners()[corner as usize];
+    fn vertex(corner: u32, faces: &maquette_value::Faces) -> u32 {
+        faces.corners()[corner as usize]
+    }
     // Below each vertex of the border its foot, and a corner and a face there.
     let mut feet = vec![None; mesh.positions().len()];
     for &(face, [corner, _]) in &border {
-        let at = vertex(corner);
+        let at = vertex(corner, faces);
         feet[at as usize].get_or_insert_with(|| {
             let foot = ground.place(mesh.positions()[at as usize]);
             (grown.add_vertex(foot, at), foot, corner, face)
@@ -166,12 +167,13 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError>
     let foot =
         |at: u32| feet[at as usize].expect("each vertex of the border is the start of a side");
     for &(face, [a, b]) in &border {
-        let [low_a, low_b] = [a, b].map(|corner| foot(vertex(corner)).0);
-        let wall = [[vertex(b), b], [vertex(a), a], [low_a, a], [low_b, b]];
+        let [low_a, low_b] = [a, b].map(|corner| foot(vertex(corner, faces)).0);
+        let wall = [[vertex(b, faces), b], [vertex(a, faces), a], [low_a, a], [low_b, b]];
         grown.add_face([0, 1, 2].map(|k: usize| wall[k]), face);
         grown.add_face([0, 2, 3].map(|k: usize| wall[k]), face);
     }
-    let outline = Vec::from_iter(border.iter().map(|(_, side)| [vertex(side[1]), vertex(side[0])]));
+    let outline: Vec<_> =
+        border.iter().map(|(_, side)| [vertex(side[1], faces), vertex(side[0], faces)]).collect();
     for triangle in triangulate(&loops(&outline), |at| flat(foot(at).1, ground.down())) {
         let own = triangle.map(foot);
         grown.add_face(own.map(|(low, _, corner, _)| [low, corner]), own[0].3);

@@ -60,7 +60,7 @@ impl Node for Boolean {
     ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let others = Vec::from_iter(self.with.iter().map(|mesh| cx.get(mesh)));
+        let others: Vec<_> = self.with.iter().map(|mesh| cx.get(mesh)).collect();
         let mesh = cx.get(&self.mesh);
         doubt(&[&[mesh], &others[..]].concat()).into_iter().for_each(|doubt| cx.warn(doubt));
         if mesh.frame().is_none() && others.iter().any(|other| other.frame().is_some()) {
@@ -80,8 +80,10 @@ fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
     if solids.iter().any(|solid| !solid.materials().iter().all(Material::is_plain)) {
         return None;
     }
-    let pictures = Vec::from_iter(solids.iter().filter_map(|solid| solid.texture()));
-    let is_painted = |solid: &&Mesh| solid.vertex().colors("color").is_some();
+    let pictures: Vec<_> = solids.iter().filter_map(|solid| solid.texture()).collect();
+    fn is_painted(solid: &&Mesh) -> bool {
+        solid.vertex().colors("color").is_some()
+    }
     if pictures.windows(2).any(|pair| pair[0] != pair[1]) {
         return Some(
             "the solids have different pictures, which become colors of the vertices, as fine as these lie",
@@ -103,7 +105,9 @@ mod tests {
     fn what_is_not_seen_any_more_is_told() {
         let places = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
         let bare = Mesh::new(places, Faces::triangles(vec![[0, 1, 2]])).unwrap();
-        let picture = |gray: u8| Image::new(1, 1, vec![[gray; 3]]).unwrap();
+        fn picture(gray: u8) -> Image {
+            Image::new(1, 1, vec![[gray; 3]]).unwrap()
+        }
         let [dark, light] = [0, 255].map(|gray| bare.clone().with_texture(Some(picture(gray))));
         let colors = Attribute::Color(vec![[9; 3]; 3].into());
         let painted = bare.clone().with_vertex("color", colors).unwrap();

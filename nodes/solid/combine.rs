@@ -73,19 +73,21 @@ pub fn boolean(
     how: Operation,
     progress: &Progress<'_>,
 ) -> Result<Mesh, BooleanError> {
-    let name = |number: usize| match (number, others.len()) {
-        (0, _) => "`mesh`".to_owned(),
-        (1, 1) => "`with`".to_owned(),
-        _ => format!("mesh {number} of `with`"),
-    };
+    fn name(number: usize, others: &[&Mesh]) -> String {
+        match (number, others.len()) {
+            (0, _) => "`mesh`".to_owned(),
+            (1, 1) => "`with`".to_owned(),
+            _ => format!("mesh {number} of `with`"),
+        }
+    }
     for (number, mesh) in [mesh].iter().chain(others).enumerate() {
         let edges = mesh.edges();
         let count = edges.faces.iter().filter(|faces| **faces != 2).count();
         if count > 0 {
-            return Err(BooleanError::Open { mesh: name(number), count });
+            return Err(BooleanError::Open { mesh: name(number, others), count });
         }
         if mesh.bounds().is_some_and(|(low, _)| volume(mesh, low) < 0.0) {
-            return Err(BooleanError::InsideOut { mesh: name(number) });
+            return Err(BooleanError::InsideOut { mesh: name(number, others) });
         }
     }
     let mut made = mesh.clone();
@@ -94,10 +96,10 @@ pub fn boolean(
         let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
         made = of_two.map_err(|why| match why {
             NoSolid::Crossing(0, at) => {
-                BooleanError::Crossing { mesh: name(0), at: at.coords.into() }
+                BooleanError::Crossing { mesh: name(0, others), at: at.coords.into() }
             }
             NoSolid::Crossing(_, at) => {
-                BooleanError::Crossing { mesh: name(number + 1), at: at.coords.into() }
+                BooleanError::Crossing { mesh: name(number + 1, others), at: at.coords.into() }
             }
             NoSolid::Merge(why) => why.into(),
             NoSolid::Mesh(why) => why.into(),
@@ -112,14 +114,13 @@ pub fn boolean(
 
 /// The mesh `to` with what lies on `from` and not on itself.
 fn lent(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
-    let has = |mesh: &Mesh, name: &str| {
+    fn has(mesh: &Mesh, name: &str) -> bool {
         mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
-    };
-    let lacks = |name: &str| name != "normal" && !has(to, name);
+    }
     let mut names = from.vertex().iter().chain(from.corner().iter()).map(|it| it.0);
     let of_faces = from.face().iter().any(|(name, _)| to.face().get(name).is_none());
     let is_bare = to.materials().is_empty() && !from.materials().is_empty();
-    match is_bare || of_faces || names.any(lacks) {
+    match is_bare || of_faces || names.any(|name| name != "normal" && !has(to, name)) {
         true if !from.faces().is_empty() => lend(from, &TriangleTree::new(from), to.clone()),
         _ => Ok(to.clone()),
     }

@@ -67,26 +67,26 @@ impl Contour {
                     self.points.len() as u32 - 1
                 })
             };
-            let is_deep = |k: &usize| 0.0 < depths[corners[*k]];
-            let (inner, outer): (Vec<usize>, Vec<usize>) = (0..4).partition(is_deep);
+            let (inner, outer): (Vec<usize>, Vec<usize>) =
+                (0..4).partition(|k| 0.0 < depths[corners[*k]]);
             // An even number of swaps brings the corners into this order, or an odd one.
-            let keeps = |order: [usize; 4]| {
+            fn keeps(order: [usize; 4], is_positive: bool) -> bool {
                 let swaps = (0..4).flat_map(|b| (0..b).map(move |a| [a, b]));
                 let swaps = swaps.filter(|&[a, b]| order[b] < order[a]).count();
                 swaps.is_multiple_of(2) == is_positive
-            };
+            }
             match (&inner[..], &outer[..]) {
                 (&[a], &[b, c, d]) => {
                     let own = [vertex(a, b), vertex(a, d), vertex(a, c)];
-                    self.triangles.push(turned(own, keeps([a, b, c, d])));
+                    self.triangles.push(turned(own, keeps([a, b, c, d], is_positive)));
                 }
                 (&[b, c, d], &[a]) => {
                     let own = [vertex(a, b), vertex(a, c), vertex(a, d)];
-                    self.triangles.push(turned(own, keeps([a, b, c, d])));
+                    self.triangles.push(turned(own, keeps([a, b, c, d], is_positive)));
                 }
                 (&[a, b], &[c, d]) => {
                     let quad = [vertex(a, c), vertex(b, c), vertex(b, d), vertex(a, d)];
-                    let keeps = keeps([a, b, c, d]);
+                    let keeps = keeps([a, b, c, d], is_positive);
                     self.triangles.push(turned([quad[0], quad[1], quad[2]], keeps));
                     self.triangles.push(turned([quad[0], quad[2], quad[3]], keeps));
                 }

@@ -234,7 +234,7 @@ pub fn hollow(
         return Ok(mesh.clone());
     }
     let Contour { points, triangles, .. } = contour;
-    let faces = Vec::from_iter(0..triangles.len() as u32);
+    let faces: Vec<_> = (0..triangles.len() as u32).collect();
     let cavity = Mesh::new(points, Faces::triangles(triangles))?.select(&faces);
     let cavity = lend(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
     let hollow = merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?;
@@ -278,9 +278,9 @@ fn drill(
     cavity: (&Mesh, &TriangleTree),
     outlet: &Outlet,
 ) -> Result<Mesh, MeshError> {
-    let nearest = |(mesh, tree): (&Mesh, &TriangleTree), at: Point3<f64>| {
+    fn nearest((mesh, tree): (&Mesh, &TriangleTree), at: Point3<f64>) -> Point3<f64> {
         tree.nearest_to_all(&[at])[0].map_or(at, |nearest| nearest.place(mesh))
-    };
+    }
     let start = nearest(skin, outlet.at.into());
     let end = nearest(cavity, start);
     let axis = (end - start).try_normalize(0.0).unwrap_or(Vector3::z());
@@ -289,17 +289,18 @@ fn drill(
     // As far beyond both as it is wide, so that it is through where the skins are bent.
     let ends = [start - axis * outlet.diameter, end + axis * outlet.diameter];
     let radius = outlet.diameter / 2.0;
-    let corner = |k: u32| {
+    fn corner(k: u32, across: Vector3<f64>, other: Vector3<f64>, radius: f64) -> Vector3<f64> {
         let turn = std::f64::consts::TAU * f64::from(k) / f64::from(SIDES);
         (across * libm::cos(turn) + other * libm::sin(turn)) * radius
-    };
-    let places = ends.iter().flat_map(|end| (0..SIDES).map(move |k| end + corner(k)));
+    }
+    let places =
+        ends.iter().flat_map(|end| (0..SIDES).map(move |k| end + corner(k, across, other, radius)));
     let sides = (0..SIDES).flat_map(|k| {
         let next = (k + 1) % SIDES;
         [k, next, SIDES + next, SIDES + k]
     });
     let lids = (0..SIDES).rev().chain(SIDES..2 * SIDES);
-    let counts = Vec::from_iter((0..SIDES).map(|_| 4).chain([SIDES as usize; 2]));
+    let counts: Vec<_> = (0..SIDES).map(|_| 4).chain([SIDES as usize; 2]).collect();
     Mesh::new(Vec::from_iter(places), Faces::polygons(&counts, sides.chain(lids).collect())?)
 }
 

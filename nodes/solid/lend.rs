@@ -13,16 +13,22 @@ pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mes
         corners: [0; 3],
         shares: [1.0, 0.0, 0.0],
     };
-    let nearest = |points: &[Point3<f64>]| -> Vec<NearestPlace> {
+    fn nearest(
+        points: &[Point3<f64>],
+        far: &NearestPlace,
+        tree: &TriangleTree,
+    ) -> Vec<NearestPlace> {
         let found = tree.nearest_to_all(points).into_iter();
-        found.map(|place| place.unwrap_or(far)).collect()
-    };
+        found.map(|place| place.unwrap_or(*far)).collect()
+    }
     // The corner of the triangle that is nearest.
-    let corner = |place: &NearestPlace| {
-        let most = (0..3).rev().max_by(|&a, &b| place.shares[a].total_cmp(&place.shares[b]));
-        place.corners[most.expect("three corners")]
-    };
-    let of_vertices = Vec::from_iter(nearest(to.positions()).iter().map(corner));
+    let of_vertices: Vec<_> = nearest(to.positions(), &far, tree)
+        .iter()
+        .map(|place| {
+            let most = (0..3).rev().max_by(|&a, &b| place.shares[a].total_cmp(&place.shares[b]));
+            place.corners[most.expect("three corners")]
+        })
+        .collect();
     let vertices = of_vertices.iter().map(|&corner| from.faces().corners()[corner as usize]);
     let vertices = Vec::from_iter(vertices);
     let of_corners = to.faces().corners().iter().map(|&vertex| of_vertices[vertex as usize]);
@@ -31,14 +37,15 @@ pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mes
         let sum: Vector3<f64> = face.iter().map(|&it| to.positions()[it as usize].coords).sum();
         Point3::from(sum / face.len() as f64)
     });
-    let faces = Vec::from_iter(nearest(&Vec::from_iter(middles)).iter().map(|place| place.face));
+    let faces: Vec<_> =
+        nearest(&Vec::from_iter(middles), &far, tree).iter().map(|place| place.face).collect();
     // A picture belongs to the places on it.
     if to.materials().is_empty() && !from.materials().is_empty() {
         to = to.without("uv").with_materials(from.materials().clone());
     }
-    let is_at = |mesh: &Mesh, name: &str| {
+    fn is_at(mesh: &Mesh, name: &str) -> bool {
         mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
-    };
+    }
     let own = to.clone();
     for (name, attribute) in from.vertex().iter().filter(|(name, _)| !is_at(&own, name)) {
         to = to.with_vertex(name, attribute.select(&vertices))?;

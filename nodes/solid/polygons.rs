@@ -40,8 +40,8 @@ fn area(places: &[Flat]) -> f64 {
 pub(crate) fn triangulate(loops: &[Vec<u32>], flat: impl Fn(u32) -> Flat) -> Vec<[u32; 3]> {
     let (mut outer, mut holes) = (Vec::new(), Vec::new());
     for own in loops.iter().filter(|own| own.len() > 2) {
-        let corners = Vec::from_iter(own.iter().map(|&vertex| (vertex, flat(vertex))));
-        let places = Vec::from_iter(corners.iter().map(|corner| corner.1));
+        let corners: Vec<_> = own.iter().map(|&vertex| (vertex, flat(vertex))).collect();
+        let places: Vec<_> = corners.iter().map(|corner| corner.1).collect();
         match area(&places) >= 0.0 || loops.len() == 1 {
             true => outer.push(corners),
             false => holes.push(corners),
@@ -101,40 +101,48 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     // Of the corners that look inward within the triangle of all three, the one that is least off the ray.
     let triangle =
         if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
-    let blocks = |&k: &usize| {
-        let at = corners[k].1;
-        let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-        orientation([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
-    };
-    let slope = |k: usize| {
+    fn slope(k: usize, from: [f64; 2], corners: &[(u32, [f64; 2])]) -> f64 {
         let at = corners[k].1;
         (at[1] - from[1]).abs() / (at[0] - from[0]).max(f64::MIN_POSITIVE)
-    };
+    }
     let order = |a: &usize, b: &usize| {
-        let by_slope = slope(*a).total_cmp(&slope(*b));
+        let by_slope = slope(*a, from, corners).total_cmp(&slope(*b, from, corners));
         by_slope.then(distance(corners[*a].1).total_cmp(&distance(corners[*b].1)))
     };
-    let blocking = (0..count).filter(|k| *k != farther).filter(blocks).min_by(order);
+    let blocking = (0..count)
+        .filter(|k| *k != farther)
+        .filter(|&k| {
+            let at = corners[k].1;
+            let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
+            orientation([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
+        })
+        .min_by(order);
     let candidates = blocking.into_iter().chain([farther]);
     let place = candidates.min_by(order).map(|k| corners[k].1)?;
     // Of several corners in this place the one into whose angle the bridge runs.
-    let opens = |&k: &usize| {
-        let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-        let (left, right) =
-            (orientation([place, after, from]) >= 0.0, orientation([before, place, from]) >= 0.0);
-        match orientation([before, place, after]) > 0.0 {
-            true => left && right,
-            false => left || right,
-        }
-    };
     let mut same = (0..count).filter(|&k| corners[k].1 == place);
     let first = same.clone().next()?;
-    Some((polygon, same.find(opens).unwrap_or(first), start))
+    Some((
+        polygon,
+        same.find(|&k| {
+            let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
+            let (left, right) = (
+                orientation([place, after, from]) >= 0.0,
+                orientation([before, place, from]) >= 0.0,
+            );
+            match orientation([before, place, after]) > 0.0 {
+                true => left && right,
+                false => left || right,
+            }
+        })
+        .unwrap_or(first),
+        start,
+    ))
 }
 
 /// Triangles of a polygon with its vertices.
 fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
-    let flat = Vec::from_iter(corners.iter().map(|corner| corner.1));
+    let flat: Vec<_> = corners.iter().map(|corner| corner.1).collect();
     let triangles = polygon::clip_ears(&flat).into_iter();
     triangles.map(|it| it.map(|corner| corners[corner as usize].0)).collect()
 }
@@ -149,7 +157,7 @@ mod tests {
         let places = loops_of.concat();
         let mut first = 0;
         let loops = loops_of.iter().map(|own| {
-            let numbers = Vec::from_iter(first..first + own.len() as u32);
+            let numbers: Vec<_> = (first..first + own.len() as u32).collect();
             first += own.len() as u32;
             numbers
         });
@@ -158,8 +166,11 @@ mod tests {
         let holes = loops_of.iter().filter(|own| area(own) < 0.0).count();
         let outer = loops_of.len() - holes;
         assert_eq!(triangles.len(), places.len() + 2 * holes - 2 * outer);
-        let flat = |triangle: &[u32; 3]| triangle.map(|vertex| places[vertex as usize]);
-        let areas = Vec::from_iter(triangles.iter().map(|triangle| area(&flat(triangle))));
+        fn flat(triangle: &[u32; 3], places: &[[f64; 2]]) -> [[f64; 2]; 3] {
+            triangle.map(|vertex| places[vertex as usize])
+        }
+        let areas: Vec<_> =
+            triangles.iter().map(|triangle| area(&flat(triangle, &places))).collect();
         assert!(areas.iter().all(|area| *area >= 0.0), "{triangles:?}");
         let wanted: f64 = loops_of.iter().map(|own| area(own)).sum();
         assert!((areas.iter().sum::<f64>() - wanted).abs() < 1e-9 * wanted);
@@ -174,7 +185,9 @@ mod tests {
     #[test]
     fn polygons_with_holes_become_triangles() {
         let square: &[Flat] = &[[0., 0.], [9., 0.], [9., 9.], [0., 9.]];
-        let hole = |x: f64, y: f64| [[x, y], [x, y + 1.0], [x + 1.0, y + 1.0], [x + 1.0, y]];
+        fn hole(x: f64, y: f64) -> [[f64; 2]; 4] {
+            [[x, y], [x, y + 1.0], [x + 1.0, y + 1.0], [x + 1.0, y]]
+        }
         check(&[square]);
         check(&[&[[0., 0.], [4., 0.], [4., 1.], [1., 1.], [1., 4.], [0., 4.]]]);
         check(&[square, &hole(4., 4.)]);
@@ -188,7 +201,7 @@ mod tests {
         let sides: &[Flat] =
             &[[0., 0.], [1., 0.], [2., 0.], [3., 0.], [3., 3.], [2., 3.], [1., 3.], [0., 3.]];
         check(&[sides]);
-        let triangles = triangulate(&[Vec::from_iter(0..8)], |vertex| sides[vertex as usize]);
+        let triangles = triangulate(&[(0..8).collect::<Vec<_>>()], |vertex| sides[vertex as usize]);
         assert!(
             triangles.iter().all(|it| orientation(it.map(|vertex| sides[vertex as usize])) > 0.0)
         );
@@ -196,7 +209,9 @@ mod tests {
 
     #[test]
     fn loops_without_an_area_get_triangles_too() {
-        let line = |vertex: u32| [f64::from(vertex), 0.0];
+        fn line(vertex: u32) -> [f64; 2] {
+            [f64::from(vertex), 0.0]
+        }
         assert_eq!(triangulate(&[vec![0, 1, 2, 3]], line).len(), 2);
         assert_eq!(triangulate(&[vec![0, 1]], line).len(), 0);
     }

@@ -75,12 +75,14 @@ pub(crate) fn round(
     let low = low - Vector3::repeat(reach + 0.37 * spacing);
     let block = spacing * BLOCK as f64;
     let sizes = [0, 1, 2].map(|axis| ((high[axis] + reach - low[axis]) / block).ceil());
-    let few = |count: f64| BLOCKS.check("the space around the triangles", count);
+    fn few(count: f64) -> Result<(), TooMuch> {
+        BLOCKS.check("the space around the triangles", count)
+    }
     // So that blocks along an axis, and those of each triangle, can be counted.
     few(sizes.into_iter().fold(0.0, f64::max))?;
     let mut blocks = Vec::new();
     for face in mesh.faces().iter() {
-        let corners = Vec::from_iter(face.iter().map(|&it| mesh.positions()[it as usize]));
+        let corners: Vec<_> = face.iter().map(|&it| mesh.positions()[it as usize]).collect();
         let bounds = Bounds::around(&corners);
         let range = [0, 1, 2].map(|axis| {
             let ends = [bounds.low[axis] - reach, bounds.high[axis] + reach];
@@ -102,18 +104,20 @@ pub(crate) fn round(
     few(blocks.len() as f64)?;
     let tree = TriangleTree::new(mesh);
     // Blocks that the skin may run through: as far from the triangles as it is, but for half of their diagonal.
-    let middle = |[z, y, x]: &[usize; 3]| {
-        let at = [x, y, z].map(|k| (*k as f64 + 0.5) * block);
-        low + Vector3::from(at)
-    };
-    let middles = Vec::from_iter(blocks.iter().map(middle));
+    let middles: Vec<_> = blocks
+        .iter()
+        .map(|[z, y, x]| {
+            let at = [x, y, z].map(|k| (*k as f64 + 0.5) * block);
+            low + Vector3::from(at)
+        })
+        .collect();
     progress.tick(0.1)?;
     let far = tree.nearest_to_all(&middles).into_iter().map(|nearest| {
         nearest.map_or(f64::INFINITY, |nearest| nearest.distance_sq.sqrt() - radius)
     });
     let half = 0.5 * 3f64.sqrt() * block + spacing;
     let is_near =
-        Vec::from_iter(far.map(|far| far.abs() <= half || (floor.is_some() && far <= half)));
+        far.map(|far| far.abs() <= half || (floor.is_some() && far <= half)).collect::<Vec<_>>();
     let mut kept = is_near.into_iter();
     blocks.retain(|_| kept.next() == Some(true));
     progress.tick(0.2)?;
@@ -151,18 +155,22 @@ pub(crate) fn round(
     let triangles = contour.triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let mut skin = Mesh::new(contour.points.clone(), Faces::triangles(triangles))?;
     let nearest = tree.nearest_to_all(&contour.points);
-    let onto = |(point, nearest): (&Point3<f64>, &Option<NearestPlace>)| {
-        let Some(nearest) = nearest else { return *point };
-        let distance = nearest.distance_sq.sqrt();
-        match floor.map(|floor| (floor.up, floor.above(point) - gap)) {
-            Some((up, above)) if above < radius - distance => point - up * above,
-            _ => {
-                let on = nearest.place(mesh);
-                on + (point - on) * (radius / distance)
+    let mut moved: Vec<_> = contour
+        .points
+        .iter()
+        .zip(&nearest)
+        .map(|(point, nearest): (&Point3<f64>, &Option<NearestPlace>)| {
+            let Some(nearest) = nearest else { return *point };
+            let distance = nearest.distance_sq.sqrt();
+            match floor.map(|floor| (floor.up, floor.above(point) - gap)) {
+                Some((up, above)) if above < radius - distance => point - up * above,
+                _ => {
+                    let on = nearest.place(mesh);
+                    on + (point - on) * (radius / distance)
+                }
             }
-        }
-    };
-    let mut moved = Vec::from_iter(contour.points.iter().zip(&nearest).map(onto));
+        })
+        .collect();
     // Where places at the radius come near to others, moved vertices may get past each other, and go back to their edges of the grid: these nowhere cross.
     loop {
         skin = skin.with_positions(moved.clone())?;

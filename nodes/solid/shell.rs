@@ -188,22 +188,25 @@ pub fn shell(
     if count > 0 {
         return Err(ShellError::NoSurface { count });
     }
-    let something = |made: Mesh| match made.faces().is_empty() {
-        false => Ok(made),
-        true => {
-            let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
-            Err(ShellError::Nothing { thickness, size })
+    fn something(made: Mesh, thickness: f64, mesh: &Mesh) -> Result<Mesh, ShellError> {
+        match made.faces().is_empty() {
+            false => Ok(made),
+            true => {
+                let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+                Err(ShellError::Nothing { thickness, size })
+            }
         }
-    };
+    }
     let around = |mesh: &Mesh, distance: f64, progress: &Progress<'_>| {
-        let around = something(round(mesh, (MORE * distance, 2.0), None, progress)?)?;
+        let around =
+            something(round(mesh, (MORE * distance, 2.0), None, progress)?, thickness, mesh)?;
         let around = lend(mesh, &TriangleTree::new(mesh), around)?;
         Ok::<_, ShellError>(around.with_frame(mesh.frame().copied()))
     };
     if side == Side::Middle {
         return Ok((around(mesh, thickness / 2.0, progress)?, 0));
     }
-    let mesh = &something(mesh.clone())?;
+    let mesh = &something(mesh.clone(), thickness, mesh)?;
     let behind = BEHIND * thickness;
     let (body, is_outside) = progress.part(0.0..0.2, |progress| match side {
         Side::Outside => body_in_front(mesh, behind, progress),
@@ -214,7 +217,7 @@ pub fn shell(
         true => boolean(&around, &[&body], Operation::Difference, progress),
         false => boolean(&body, &[&around], Operation::Intersection, progress),
     })?;
-    let shell = something(shell)?;
+    let shell = something(shell, thickness, mesh)?;
     let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
     Ok((shell, thin))
 }
@@ -277,14 +280,16 @@ fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshErr
     // Lids run along sides the other way round.
     let sides: BTreeMap<[u32; 2], _> = sides.map(|([a, b], own)| ([b, a], own)).collect();
     let mut grown = Grown::new(mesh);
-    let rims = loops(&Vec::from_iter(sides.keys().copied()));
-    let rims = Vec::from_iter(rims.iter().flat_map(|rim| apart(rim)));
+    let rims = loops(&sides.keys().copied().collect::<Vec<_>>());
+    let rims: Vec<_> = rims.iter().flat_map(|rim| apart(rim)).collect();
     let count = rims.len();
     for rim in rims {
         let next = rim[1..].iter().chain(&rim[..1]);
-        let own = Vec::from_iter(rim.iter().zip(next).map(|(&a, &b)| sides[&[a, b]]));
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        let from = |corner: u32| place(vertex(corner)) - place(rim[0]);
+        let own: Vec<_> = rim.iter().zip(next).map(|(&a, &b)| sides[&[a, b]]).collect();
+        fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        let from = |corner: u32| place(vertex(corner), mesh) - place(rim[0], mesh);
         // Where the lid looks, and the faces at its rim.
         let lid: Vector3<f64> = own.iter().map(|(_, [a, b])| from(*b).cross(&from(*a))).sum();
         let out = own.iter().map(|(face, _)| {
@@ -300,7 +305,7 @@ fn walled(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshErr
         for &(face, [_, corner]) in &own {
             let at = vertex(corner);
             feet.entry(at).or_insert_with(|| {
-                let foot = place(at) + way;
+                let foot = place(at, mesh) + way;
                 let number = if has_walls { grown.add_vertex(foot, at) } else { at };
                 (number, foot, corner, face)
             });
@@ -392,7 +397,9 @@ mod tests {
     #[test]
     fn the_surface_stays_where_the_other_side_has_no_room() {
         // A ridge that is narrower than two walls, and noise.
-        let noise = |x: f64, y: f64| 0.1 * libm::sin(37.0 * x + 91.0 * y * y);
+        fn noise(x: f64, y: f64) -> f64 {
+            0.1 * libm::sin(37.0 * x + 91.0 * y * y)
+        }
         let ridge = net(|x, y| 4.0 * libm::exp(-x * x / 3.0) + noise(x, y));
         for side in [Side::Inside, Side::Outside] {
             let shell = made(&ridge, 1.5, side, 0.01);
@@ -410,14 +417,16 @@ mod tests {
                 dome.faces().face(face).iter().map(|&it| dome.positions()[it as usize]);
             !places.all(|at| at.x.abs() < 3.1 && (-2.1..1.1).contains(&at.y))
         });
-        let dome = dome.select(&Vec::from_iter(kept.map(|face| face as u32)));
+        let dome = dome.select(&kept.map(|face| face as u32).collect::<Vec<_>>());
         let shell = made(&dome, 1.0, Side::Inside, 0.03);
         let (vertices, faces, edges) =
             (shell.positions().len(), shell.faces().len(), shell.edges().faces.len());
         // A plate with a hole, as a torus.
         assert_eq!(vertices + faces, edges);
         // It ends where the surface ends.
-        let lowest = |mesh: &Mesh| mesh.bounds().unwrap().0.z;
+        fn lowest(mesh: &Mesh) -> f64 {
+            mesh.bounds().unwrap().0.z
+        }
         assert_eq!(lowest(&shell), lowest(&dome));
     }
 
@@ -459,10 +468,12 @@ mod tests {
         let ball = crate::thicken::tests::cuboid([10.0; 3], 3);
         // Two faces that share a vertex and no edge.
         let faces = ball.faces();
-        let shared = |a: &[u32], b: &[u32]| a.iter().filter(|vertex| b.contains(vertex)).count();
+        fn shared(a: &[u32], b: &[u32]) -> usize {
+            a.iter().filter(|vertex| b.contains(vertex)).count()
+        }
         let other = (1..faces.len()).find(|&face| shared(faces.face(0), faces.face(face)) == 1);
         let kept = (1..faces.len()).filter(|face| Some(*face) != other);
-        let pinched = ball.select(&Vec::from_iter(kept.map(|face| face as u32)));
+        let pinched = ball.select(&kept.map(|face| face as u32).collect::<Vec<_>>());
         made(&pinched, 0.5, Side::Inside, 0.1);
         assert_eq!(apart(&[1, 2, 3, 4, 2, 5]), [vec![2, 3, 4], vec![1, 2, 5]]);
     }
@@ -484,9 +495,9 @@ mod tests {
 
     #[test]
     fn what_has_no_shell_is_told_why() {
-        let told = |mesh: &Mesh, thickness| {
+        fn told(mesh: &Mesh, thickness: f64) -> String {
             shell(mesh, thickness, Side::Inside, &Progress::none()).unwrap_err().to_string()
-        };
+        }
         let plane = net(|_, _| 0.0);
         let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
         assert!(told(&empty, 1.0).starts_with("nothing is as near to the surface"));

@@ -301,10 +301,14 @@ mod tests {
         let seen = orient(&seen, Outside::Flip).unwrap().mesh.with_frame(Some(frame));
         let found = flat_base(&seen, 5.0, None).unwrap();
         assert!(volume(&found) > 0.0);
-        let ray = |at: &Point3<f64>| [at.x / at.z, at.y / at.z];
+        fn ray(at: &Point3<f64>) -> [f64; 2] {
+            [at.x / at.z, at.y / at.z]
+        }
         let corner = ray(&found.positions()[0]);
-        let is_below = |at: &&Point3<f64>| (0..2).all(|k| (ray(at)[k] - corner[k]).abs() < 1e-12);
-        let foot = found.positions()[81..].iter().find(is_below).unwrap();
+        let foot = found.positions()[81..]
+            .iter()
+            .find(|at| (0..2).all(|k| (ray(at)[k] - corner[k]).abs() < 1e-12))
+            .unwrap();
         assert!((foot.z - 25.0).abs() < 1e-12);
     }
 
@@ -326,7 +330,7 @@ mod tests {
         let relief = net(|x, y| 4.0 - 0.1 * (x * x + y * y), &[]);
         let whole = flat_base(&relief, 3.0, None).unwrap();
         let faces =
-            Vec::from_iter((0..whole.faces().len() as u32).filter(|k| !(60..66).contains(k)));
+            (0..whole.faces().len() as u32).filter(|k| !(60..66).contains(k)).collect::<Vec<_>>();
         let found = solid(&whole.select(&faces), &Base::Keep, 0.0, &Progress::none()).unwrap().mesh;
         let edges = found.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
@@ -345,13 +349,17 @@ mod tests {
         // Half of 64 mm^2 gets 1.1 mm more, and a round rim.
         let more = volume(&found.mesh) - volume(&thin);
         assert!((35.0..50.0).contains(&more), "{more}");
-        let lowest = |mesh: &Mesh| mesh.bounds().unwrap().0.z;
+        fn lowest(mesh: &Mesh) -> f64 {
+            mesh.bounds().unwrap().0.z
+        }
         assert_eq!(lowest(&found.mesh), lowest(&thin));
     }
 
     #[test]
     fn what_has_no_solid_is_told_why() {
-        let told = |found: Result<Mesh, SolidError>| found.unwrap_err().to_string();
+        fn told(found: Result<Mesh, SolidError>) -> String {
+            found.unwrap_err().to_string()
+        }
         let relief = net(|_, _| 0.0, &[]);
         let whole = flat_base(&relief, 2.0, None).unwrap();
         let text = told(flat_base(&whole, 2.0, Some([0., 0., 1.])));
@@ -360,8 +368,11 @@ mod tests {
             "{text}"
         );
         // What lies over another part has walls that run through it.
-        let shift = |at: &Point3<f64>| at + Vector3::new(1.3, 0.7, 2.0);
-        let above = relief.with_positions(relief.positions().iter().map(shift).collect()).unwrap();
+        let above = relief
+            .with_positions(
+                relief.positions().iter().map(|at| at + Vector3::new(1.3, 0.7, 2.0)).collect(),
+            )
+            .unwrap();
         let both = maquette_mesh::merge(&[&relief, &above], maquette_mesh::Poses::Ignore).unwrap();
         let text = told(flat_base(&both, 2.0, None));
         assert!(text.starts_with("the solid would run through itself: "), "{text}");

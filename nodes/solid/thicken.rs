@@ -51,13 +51,15 @@ pub(crate) fn thicken(
         let thin = thin(&made, &tree, thickness);
         let pass = passes.next().filter(|_| !thin.is_empty());
         let Some(pass) = pass else { return Ok((made, thin.len())) };
-        let share = |part: f64| (pass as f64 + part) / PASSES as f64;
+        fn share(part: f64, pass: usize) -> f64 {
+            (pass as f64 + part) / PASSES as f64
+        }
         let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
-        let added = progress.part(share(0.0)..share(0.7), |progress| {
+        let added = progress.part(share(0.0, pass)..share(0.7, pass), |progress| {
             round(&middle, (MORE * thickness / 2.0, 3.0), floor, progress)
         })?;
         let added = lend(&made, &tree, added)?.with_frame(made.frame().copied());
-        made = progress.part(share(0.7)..share(1.0), |progress| {
+        made = progress.part(share(0.7, pass)..share(1.0, pass), |progress| {
             boolean(&made, &[&added], Operation::Union, progress)
         })?;
     }
@@ -92,24 +94,25 @@ fn sheet(
         let face = mesh.faces().face(face);
         let inward = -mesh.area_vector(face).normalize();
         let center = mesh.first_middle(face);
-        let corner = move |&vertex: &u32| {
-            let at = mesh.positions()[vertex as usize];
-            // A ray at the corner itself would meet the faces next to it.
-            let start = at + (center - at) * 0.01;
-            let hit = tree.first_hit(start + inward * (1e-6 * distance), inward);
-            let depth = hit.map_or(distance, |hit| hit.along).min(thickness);
-            let middle = start + inward * (depth / 2.0);
-            let lacks = floor.map_or(Vector3::zeros(), |floor| {
-                floor.up * (MORE * thickness / 2.0 - floor.above(&middle)).max(0.0)
-            });
-            middle + lacks
-        };
-        Vec::from_iter(face.iter().map(corner))
+        face.iter()
+            .map(move |&vertex| {
+                let at = mesh.positions()[vertex as usize];
+                // A ray at the corner itself would meet the faces next to it.
+                let start = at + (center - at) * 0.01;
+                let hit = tree.first_hit(start + inward * (1e-6 * distance), inward);
+                let depth = hit.map_or(distance, |hit| hit.along).min(thickness);
+                let middle = start + inward * (depth / 2.0);
+                let lacks = floor.map_or(Vector3::zeros(), |floor| {
+                    floor.up * (MORE * thickness / 2.0 - floor.above(&middle)).max(0.0)
+                });
+                middle + lacks
+            })
+            .collect::<Vec<_>>()
     };
     let places: Vec<Vec<Point3<f64>>> = thin.par_iter().map(of_face).collect();
-    let sides = Vec::from_iter(places.iter().map(Vec::len));
+    let sides: Vec<_> = places.iter().map(Vec::len).collect();
     let places = places.concat();
-    let corners = Vec::from_iter(0..places.len() as u32);
+    let corners: Vec<_> = (0..places.len() as u32).collect();
     Mesh::new(places, Faces::polygons(&sides, corners)?)
 }
 

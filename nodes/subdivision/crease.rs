@@ -59,8 +59,12 @@ mod tests {
 
     /// A strip of three unit squares, the second one level, the others bent down by 30 and by 60 degrees.
     fn strip() -> Mesh {
-        let at = |x: f64, z: f64| [Point3::new(x, 0.0, z), Point3::new(x, 1.0, z)];
-        let bent = |degrees: f64| libm::sincos(degrees.to_radians());
+        fn at(x: f64, z: f64) -> [Point3<f64>; 2] {
+            [Point3::new(x, 0.0, z), Point3::new(x, 1.0, z)]
+        }
+        fn bent(degrees: f64) -> (f64, f64) {
+            libm::sincos(degrees.to_radians())
+        }
         let ((s30, c30), (s60, c60)) = (bent(30.0), bent(60.0));
         let columns = [at(-c30, -s30), at(0.0, 0.0), at(1.0, 0.0), at(1.0 + c60, -s60)];
         let faces = Faces::uniform(4, vec![0, 2, 3, 1, 2, 4, 5, 3, 4, 6, 7, 5]).unwrap();

@@ -106,7 +106,7 @@ pub fn curvature(
     if method == CurvatureMethod::Limit {
         return at_limit::at_limit(mesh, scheme, boundary, progress);
     }
-    let vertices = Vec::from_iter(0..mesh.positions().len() as u32);
+    let vertices: Vec<_> = (0..mesh.positions().len() as u32).collect();
     let mut bending = discrete::fitted(mesh, &vertices, progress)?;
     if method == CurvatureMethod::Mesh {
         let angles = angle_bending(&discrete::triangulated(mesh)?);

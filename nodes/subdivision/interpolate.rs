@@ -164,9 +164,11 @@ impl Node for Interpolate {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         let fixed = fixed_vertices(mesh, &self.fixed)?;
-        let limit = |topology: &Topology| cx.memo(topology, LimitPlaces::memo);
         let (scheme, options) = (self.scheme, &self.options);
-        let found = interpolate_with::<Error>(mesh, scheme, options, &fixed, cx.progress(), limit)?;
+        let found =
+            interpolate_with::<Error>(mesh, scheme, options, &fixed, cx.progress(), |topology| {
+                cx.memo(topology, LimitPlaces::memo)
+            })?;
         Ok(found.outputs(cx, "surface"))
     }
 }
@@ -201,8 +203,9 @@ pub fn interpolate(
     fixed: &[bool],
     progress: &Progress<'_>,
 ) -> Result<Interpolated<Mesh>, InterpolateError> {
-    let limit = |topology: &Topology| LimitPlaces::new(topology).map_err(InterpolateError::from);
-    interpolate_with(mesh, scheme, options, fixed, progress, limit)
+    interpolate_with(mesh, scheme, options, fixed, progress, |topology| {
+        LimitPlaces::new(topology).map_err(InterpolateError::from)
+    })
 }
 
 /// [`interpolate`] with limits from `limit`.
@@ -241,18 +244,30 @@ fn interpolate_with<E: From<InterpolateError>>(
         Foot::Closest => {
             let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
             let mut feet = feet.map_err(InterpolateError::from)?;
-            let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, look.own);
-            control_points(points, how, fixed, progress, feet, sample, matrix)
+            control_points(
+                points,
+                how,
+                fixed,
+                progress,
+                |control, look: Look<'_>| feet.of(control, look.own),
+                sample,
+                matrix,
+            )
         }
         Foot::Vertex => {
             let normals = how.direction == Direction::Normal;
             let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
             let facing = facing.map_err(InterpolateError::from)?;
             let rows = &limits.positions;
-            let feet = |control: &[Point3<f64>], look: Look<'_>| {
-                vertex_feet(rows, facing.as_ref(), control, look.own)
-            };
-            control_points(points, how, fixed, progress, feet, sample, matrix)
+            control_points(
+                points,
+                how,
+                fixed,
+                progress,
+                |control, look: Look<'_>| vertex_feet(rows, facing.as_ref(), control, look.own),
+                sample,
+                matrix,
+            )
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;
@@ -276,8 +291,9 @@ fn interpolate_with<E: From<InterpolateError>>(
         let last = solution.found.trace.steps().last().map_or(0, |step| step.iteration as u32);
         solution.found.end = End::Diverged(Diverged::strayed(last, stray));
     }
-    let shape = |control| mesh.with_positions(control).map_err(InterpolateError::from);
-    let found = solution.found.shaped(shape)?;
+    let found = solution
+        .found
+        .shaped(|control| mesh.with_positions(control).map_err(InterpolateError::from))?;
     Ok(Interpolated { shape: found.shape.without("normal"), ..found })
 }
 
@@ -300,8 +316,11 @@ fn not_interpolable(
     let surface = limits.positions.apply(&solution.found.control);
     let left = points.iter().zip(&surface).map(|(point, surface)| (point - surface).into());
     let mode: Vec<[f64; 3]> = left.collect();
-    let length = |[x, y, z]: &[f64; 3]| (x * x + y * y + z * z).sqrt();
-    let worst = mode.iter().map(length).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    let worst = mode
+        .iter()
+        .map(|[x, y, z]| (x * x + y * y + z * z).sqrt())
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(&b.1));
     let (vertex, residual) = worst.unwrap_or_default();
     InterpolateError::NotInterpolable { residual, vertex, mode }
 }
@@ -322,8 +341,7 @@ fn refined_once<E: From<InterpolateError>>(
     let old = limits.positions.head(mesh.positions().len());
     let solution = least_squares(&old, refined.positions(), mesh.positions(), &[], how, progress);
     let found = solution.map_err(InterpolateError::from)?.found;
-    let shape = |control| refined.with_positions(control).map_err(InterpolateError::from);
-    Ok(found.shaped(shape)?)
+    Ok(found.shaped(|control| refined.with_positions(control).map_err(InterpolateError::from))?)
 }
 
 #[cfg(test)]

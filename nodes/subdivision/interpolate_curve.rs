@@ -94,12 +94,17 @@ pub fn interpolate_curve(
     let points = curve.points();
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
     let mut feet = Feet::new(&family, points, how.foot);
-    let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
     // A span has no more extremes than its degree.
     let pieces = 4 * basis.degree();
-    let sample = |control: &[Point3<f64>]| Some(family.curve(control).ok()?.sample(pieces));
-    let matrix = || matrix(&family, basis, points.len(), curve.is_closed());
-    let solution = control_points(points, how, &[], progress, feet, sample, matrix)?;
+    let solution = control_points(
+        points,
+        how,
+        &[],
+        progress,
+        |control, look: Look<'_>| feet.of(control, &look),
+        |control| Some(family.curve(control).ok()?.sample(pieces)),
+        || matrix(&family, basis, points.len(), curve.is_closed()),
+    )?;
     let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
     found.shaped(|control| match basis {
         CurveBasis::BSpline(_) => Ok(family.curve(&control)?),

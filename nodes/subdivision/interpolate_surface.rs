@@ -105,13 +105,18 @@ pub fn interpolate_surface(
     how.check()?;
     let sheet = Sheet::new(net, order)?;
     let mut feet = Feet::new(&sheet, net.points(), how.foot);
-    let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
-    let matrix = || {
-        let blocks = vec![(0..net.points().len() as u32).collect()];
-        LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
-    };
-    let sample = |control: &[Point3<f64>]| sheet.sample(control);
-    let solution = control_points(net.points(), how, &[], progress, feet, sample, matrix)?;
+    let solution = control_points(
+        net.points(),
+        how,
+        &[],
+        progress,
+        |control, look: Look<'_>| feet.of(control, &look),
+        |control| sheet.sample(control),
+        || {
+            let blocks = vec![(0..net.points().len() as u32).collect()];
+            LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
+        },
+    )?;
     solution
         .ok_or(InterpolateSurfaceError::Singular)?
         .found
@@ -129,8 +134,18 @@ struct Sheet<'a> {
 impl<'a> Sheet<'a> {
     fn new(net: &'a ControlNet, order: [usize; 2]) -> Result<Self, KnotVectorError> {
         let parameters = [Along::U, Along::V].map(|along| parameters(net, along, f64::sqrt));
-        let knots = |k: usize| KnotVector::averaged(&parameters[k], order[k].saturating_sub(1));
-        Ok(Self { net, knots: [knots(0)?, knots(1)?], parameters })
+        fn knots(
+            k: usize,
+            parameters: &[Vec<f64>; 2],
+            order: [usize; 2],
+        ) -> Result<KnotVector, KnotVectorError> {
+            KnotVector::averaged(&parameters[k], order[k].saturating_sub(1))
+        }
+        Ok(Self {
+            net,
+            knots: [knots(0, &parameters, order)?, knots(1, &parameters, order)?],
+            parameters,
+        })
     }
 
     fn surface(&self, control: Vec<Point3<f64>>) -> Result<Surface, InterpolateSurfaceError> {
@@ -228,12 +243,18 @@ mod tests {
     use crate::solve::interpolation::{Direction, Norm, Solver};
 
     fn waves(rows: usize, columns: usize) -> ControlNet {
-        let point = |k: usize| {
-            let (a, b) = ((k / columns) as f64, (k % columns) as f64);
-            let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
-            Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
-        };
-        ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>()).unwrap()
+        ControlNet::new(
+            rows,
+            columns,
+            (0..rows * columns)
+                .map(|k: usize| {
+                    let (a, b) = ((k / columns) as f64, (k % columns) as f64);
+                    let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
+                    Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap()
     }
 
     fn found(net: &ControlNet, order: [usize; 2], how: &Interpolation) -> Interpolated<Surface> {
@@ -293,12 +314,18 @@ mod tests {
 
     /// A grid of points that alternate between high and low, 1 mm apart.
     fn checkered([rows, columns]: [usize; 2], amplitude: f64) -> ControlNet {
-        let point = |k: usize| {
-            let [row, column] = [k / columns, k % columns];
-            let sign = if (row + column) % 2 == 0 { amplitude } else { -amplitude };
-            Point3::new(column as f64, row as f64, sign)
-        };
-        ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>()).unwrap()
+        ControlNet::new(
+            rows,
+            columns,
+            (0..rows * columns)
+                .map(|k: usize| {
+                    let [row, column] = [k / columns, k % columns];
+                    let sign = if (row + column) % 2 == 0 { amplitude } else { -amplitude };
+                    Point3::new(column as f64, row as f64, sign)
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -338,9 +365,12 @@ mod tests {
 
     #[test]
     fn points_in_one_place_and_too_few_are_refused() {
-        let refused = |net: &ControlNet, order| {
+        fn refused(
+            net: &ControlNet,
+            order: [usize; 2],
+        ) -> Result<Interpolated<Surface>, InterpolateSurfaceError> {
             interpolate_surface(net, order, &Interpolation::default(), &Progress::none())
-        };
+        }
         assert!(matches!(
             refused(&waves(3, 5), [4, 4]),
             Err(InterpolateSurfaceError::Knots(KnotVectorError::TooFew { .. }))

@@ -21,14 +21,17 @@ pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
         }
     }
     let limit = angle.to_radians();
-    let bends = |edge: &usize| {
-        let [a, b] = sums[*edge];
-        // Normals of enormous or tiny faces have no cross product; their directions have.
-        let unit = |v: Vector3<f64>| v.try_normalize(0.0).unwrap_or_default();
-        let (a, b) = (unit(a), unit(b));
-        edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
-    };
-    let bent = (0..sums.len()).filter(bends).map(|edge| (edges.vertices[edge], sharpness));
+    let bent = (0..sums.len())
+        .filter(|edge| {
+            let [a, b] = sums[*edge];
+            // Normals of enormous or tiny faces have no cross product; their directions have.
+            fn unit(v: Vector3<f64>) -> Vector3<f64> {
+                v.try_normalize(0.0).unwrap_or_default()
+            }
+            let (a, b) = (unit(a), unit(b));
+            edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
+        })
+        .map(|edge| (edges.vertices[edge], sharpness));
     merged(mesh, bent, f64::max)
 }
 

@@ -92,7 +92,7 @@ impl Node for Subdivide {
         let (Some(refined), Some(moved), false) = (refined, moved, self.split) else {
             return Ok(None);
         };
-        let moved = Vec::from_iter(moved.vertices.into_iter().flatten());
+        let moved: Vec<_> = moved.vertices.into_iter().flatten().collect();
         self.warn(mesh, cx);
         let plan = self.plan(mesh, cx)?;
         let followed = plan.follow(mesh, &moved, refined, cx.progress())?;
@@ -107,8 +107,11 @@ impl Subdivide {
         if scheme.is_dual() && mesh.creases().len() > 0 {
             cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
         }
-        let softens = |(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0;
-        if limit && mesh.creases().any(softens) {
+        if limit
+            && mesh
+                .creases()
+                .any(|(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0)
+        {
             cx.warn(format!(
                 "some creases are still sharp after {levels} levels; their limit is computed as if they stayed so"
             ));
@@ -118,22 +121,25 @@ impl Subdivide {
     /// The plan for `mesh`, of which nothing is made twice.
     fn plan(&self, mesh: &Mesh, cx: &Context<'_>) -> Result<Plan, Error> {
         let mut done = 0;
-        let step = |before: Before<'_>| {
-            cx.tick(PLANNING * f64::from(done) / f64::from(self.how.levels.max(1)))?;
-            done += 1;
-            match before {
-                Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
-                Before::Step(step) => cx.memo(step, Step::memo_next),
-            }
-        };
-        let end = |before: Before<'_>| match before {
-            Before::Nothing(topology) => Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?)),
-            Before::Step(step) => {
-                cx.tick(PLANNING)?;
-                Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
-            }
-        };
-        Plan::with(mesh, self.how, step, end)
+        Plan::with(
+            mesh,
+            self.how,
+            |before: Before<'_>| {
+                cx.tick(PLANNING * f64::from(done) / f64::from(self.how.levels.max(1)))?;
+                done += 1;
+                match before {
+                    Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
+                    Before::Step(step) => cx.memo(step, Step::memo_next),
+                }
+            },
+            |before: Before<'_>| match before {
+                Before::Nothing(topology) => Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?)),
+                Before::Step(step) => {
+                    cx.tick(PLANNING)?;
+                    Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
+                }
+            },
+        )
     }
 
     /// Whether anything is done that asks for the surface around each vertex.

@@ -102,7 +102,9 @@ fn points_after(curve: &Curve, levels: u32) -> f64 {
 
 fn cut_corners(points: &[Point3<f64>], closed: bool) -> Vec<Point3<f64>> {
     let last = points.len() - 1;
-    let pair = |a: Point3<f64>, b: Point3<f64>| [a + (b - a) * 0.25, a + (b - a) * 0.75];
+    fn pair(a: Point3<f64>, b: Point3<f64>) -> [Point3<f64>; 2] {
+        [a + (b - a) * 0.25, a + (b - a) * 0.75]
+    }
     let inner = points.windows(2).flat_map(|edge| pair(edge[0], edge[1]));
     if closed {
         inner.chain(pair(points[last], points[0])).collect()

@@ -90,7 +90,9 @@ pub(crate) struct Batch {
 }
 
 fn range(text: &str) -> Result<(usize, usize), String> {
-    let number = |text: &str| text.trim().parse::<usize>().ok();
+    fn number(text: &str) -> Option<usize> {
+        text.trim().parse::<usize>().ok()
+    }
     let range = match text.split_once('-') {
         Some((first, last)) => number(first).zip(number(last)),
         None => number(text).map(|only| (only, only)),
@@ -185,13 +187,14 @@ impl Batch {
         let read = plain::read_text(&self.file);
         let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.shown()))?;
         let has_options = !self.values.is_empty() || self.scans.is_some();
-        let is_named_so = || {
-            let name = self.file.to_string_lossy();
+        fn is_named_so(has_options: bool, file: &std::path::Path) -> bool {
+            let name = file.to_string_lossy();
             !has_options && name.ends_with(maquette_golden::sweep::ENDING)
-        };
+        }
         // What is wrong with a sweep is said as of any other file.
-        let is_sweep =
-            first_word(&text) == "Sweep" || is_named_so() || conflict_line(&text).is_some();
+        let is_sweep = first_word(&text) == "Sweep"
+            || is_named_so(has_options, &self.file)
+            || conflict_line(&text).is_some();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {
@@ -319,7 +322,7 @@ fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
         "values": values.collect::<serde_json::Map<_, _>>(),
         "seconds": record.seconds,
         "nodes": record.nodes,
-        "outputs": Vec::from_iter(record.outputs.iter().map(output)),
+        "outputs": record.outputs.iter().map(output).collect::<Vec<_>>(),
         "problems": record.problems,
     })
 }
@@ -415,14 +418,19 @@ impl Hearer for Teller<'_> {
             )),
         }
         for problem in problems {
-            let text = |name: &str| problem[name].as_str().unwrap_or_default().to_owned();
-            let help =
-                if text("help").is_empty() { String::new() } else { format!("; {}", text("help")) };
+            fn text(name: &str, problem: &Json) -> String {
+                problem[name].as_str().unwrap_or_default().to_owned()
+            }
+            let help = if text("help", problem).is_empty() {
+                String::new()
+            } else {
+                format!("; {}", text("help", problem))
+            };
             let (line, column) = (&problem["line"], &problem["column"]);
             eprint(&format!(
                 "error: {}:{line}:{column}: {}{help}\n",
-                text("file"),
-                text("message")
+                text("file", problem),
+                text("message", problem)
             ));
         }
     }

@@ -69,7 +69,9 @@ impl Cache {
     }
 
     fn action(&self, folder: &Path) -> Result<Exit, String> {
-        let wrong = |error: DiskError| error.to_string();
+        fn wrong(error: DiskError) -> String {
+            error.to_string()
+        }
         match &self.action {
             Action::Ls { cache_remote, json } => {
                 let usage = Disk::usage(folder).map_err(wrong)?;
@@ -116,10 +118,12 @@ type Server = (String, Result<(), String>);
 /// The server that is named, if one is.
 fn server(named: &Option<String>) -> Result<Option<Server>, String> {
     let server = named.clone().map_or(CacheServer::Default, CacheServer::At);
-    let reach = |(named, address): (&str, String)| {
-        Disk::reach(&address).map_err(|why| format!("{named}: {why}"))
-    };
-    server.address().map(reach).transpose()
+    server
+        .address()
+        .map(|(named, address): (&str, String)| {
+            Disk::reach(&address).map_err(|why| format!("{named}: {why}"))
+        })
+        .transpose()
 }
 
 fn bytes(bytes: u64) -> String {

@@ -210,7 +210,9 @@ mod tests {
 
     #[test]
     fn a_password_is_no_word() {
-        let remote = |url: &str| Words::parse_from(["maquette", "--cache-remote", url]).cache;
+        fn remote(url: &str) -> CacheOptions {
+            Words::parse_from(["maquette", "--cache-remote", url]).cache
+        }
         for hidden in ["http://me:secret@host/x", "http://me@host"] {
             assert!(remote(hidden).hides_server() && remote(hidden).words().is_empty(), "{hidden}");
         }
@@ -224,7 +226,12 @@ mod tests {
         let words = ["maquette", "--no-cache", "--memory", "1GB"];
         let catalog = Arc::new(Catalog::new(&[]));
         let Words { cache } = Words::parse_from(words);
-        let memory = |sessions| cache.session_of(sessions, 1, &catalog).unwrap().memory();
-        assert_eq!((memory(1), memory(4)), (1_000_000_000, 250_000_000));
+        fn memory(sessions: usize, cache: &CacheOptions, catalog: &Arc<Catalog>) -> usize {
+            cache.session_of(sessions, 1, catalog).unwrap().memory()
+        }
+        assert_eq!(
+            (memory(1, &cache, &catalog), memory(4, &cache, &catalog)),
+            (1_000_000_000, 250_000_000)
+        );
     }
 }

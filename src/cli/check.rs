@@ -63,8 +63,11 @@ impl Check {
             let place = (problem.source.name.clone(), problem.span);
             seen.insert((place, problem.code, problem.message.clone()))
         });
-        let count = |wanted| problems.iter().filter(|found| found.severity == wanted).count();
-        let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
+        fn count(wanted: Severity, problems: &[Problem]) -> usize {
+            problems.iter().filter(|found| found.severity == wanted).count()
+        }
+        let (errors, warnings) =
+            (count(Severity::Error, &problems), count(Severity::Warning, &problems));
         if self.json {
             let mut document = json!({});
             put_problems(&mut document, &problems);

@@ -87,14 +87,16 @@ impl Compare {
         } else {
             let mut text = format!("{}\n", comparison.verdict.word());
             for m in &comparison.measures {
-                let number = |x: f64| in_unit(x, m.unit);
+                fn number(x: f64, m_unit: &str) -> String {
+                    in_unit(x, m_unit)
+                }
                 let _ = write!(
                     text,
                     "  {}: max {}, rms {}, 99 % {}",
                     m.name,
-                    number(m.max),
-                    number(m.rms),
-                    number(m.p99)
+                    number(m.max, m.unit),
+                    number(m.rms, m.unit),
+                    number(m.p99, m.unit)
                 );
                 if m.by_share {
                     let _ = write!(text, ", {} % differ", six(100.0 * m.differing));

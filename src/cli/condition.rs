@@ -17,13 +17,15 @@ impl<'t> Condition<'t> {
     /// # Errors
     /// In words, if it is none, or names another.
     pub(crate) fn read(text: &'t str, known: &[&str], what: &str) -> Result<Self, String> {
-        let wrong = |why: &dyn std::fmt::Display| format!("`{text}`: {why}");
+        fn wrong(why: &dyn std::fmt::Display, text: &str) -> String {
+            format!("`{text}`: {why}")
+        }
         let is_known = |name: &str| known.contains(&name);
         let Some(places) = named_parameters(text, &is_known) else {
             let why = evaluate_any(text, &BTreeMap::new()).err();
-            return Err(wrong(&why.map_or_else(String::new, |why| why.to_string())));
+            return Err(wrong(&why.map_or_else(String::new, |why| why.to_string()), text));
         };
-        let mut names = Vec::from_iter(places.into_iter().map(|place| text[place].to_owned()));
+        let mut names: Vec<_> = places.into_iter().map(|place| text[place].to_owned()).collect();
         names.sort_unstable();
         names.dedup();
         names.retain(|name| is_known(name) || !matches!(&name[..], "true" | "false"));
@@ -46,11 +48,17 @@ impl<'t> Condition<'t> {
     /// # Errors
     /// In words, if it is no condition.
     pub(crate) fn holds(&self, number: impl Fn(&str) -> f64) -> Result<bool, String> {
-        let value = |name: &String| {
-            let quantity = Quantity { value: number(name), unit: Unit::default() };
-            (name.clone(), Outcome::Number(quantity))
-        };
-        match evaluate_any(self.text, &self.names.iter().map(value).collect()) {
+        match evaluate_any(
+            self.text,
+            &self
+                .names
+                .iter()
+                .map(|name| {
+                    let quantity = Quantity { value: number(name), unit: Unit::default() };
+                    (name.clone(), Outcome::Number(quantity))
+                })
+                .collect(),
+        ) {
             Ok(Outcome::Truth(truth)) => Ok(truth),
             Ok(Outcome::Number(_)) => Err(format!("`{}` is a number, not a condition", self.text)),
             Err(why) => Err(format!("`{}`: {why}", self.text)),
@@ -65,19 +73,22 @@ mod tests {
     #[test]
     fn columns_are_named_as_parameters_are() {
         let known = ["region", "area", "k-1"];
-        let holds = |text: &str, region: f64| {
-            let condition = Condition::read(text, &known, "faces")?;
+        fn holds(text: &str, region: f64, known: &[&str; 3]) -> Result<bool, String> {
+            let condition = Condition::read(text, known, "faces")?;
             condition.holds(|name| if name == "region" { region } else { 2.0 })
-        };
-        assert_eq!(holds("region == 7 and k-1 * area > 3", 7.0), Ok(true));
-        assert_eq!(holds("region == 7", 6.0), Ok(false));
-        assert_eq!(holds("not true", 6.0), Ok(false));
+        }
+        assert_eq!(holds("region == 7 and k-1 * area > 3", 7.0, &known), Ok(true));
+        assert_eq!(holds("region == 7", 6.0, &known), Ok(false));
+        assert_eq!(holds("not true", 6.0, &known), Ok(false));
         let wrong = "there is no column `regoin` of faces; did you mean `region`?";
-        assert_eq!(holds("regoin == 7", 7.0), Err(wrong.into()));
-        assert_eq!(holds("region", 7.0), Err("`region` is a number, not a condition".into()));
-        assert!(holds("region ==", 7.0).unwrap_err().contains("ends where"));
+        assert_eq!(holds("regoin == 7", 7.0, &known), Err(wrong.into()));
         assert_eq!(
-            holds("region $ 1", 7.0).unwrap_err(),
+            holds("region", 7.0, &known),
+            Err("`region` is a number, not a condition".into())
+        );
+        assert!(holds("region ==", 7.0, &known).unwrap_err().contains("ends where"));
+        assert_eq!(
+            holds("region $ 1", 7.0, &known).unwrap_err(),
             "`region $ 1`: `$` has no meaning in an expression"
         );
     }

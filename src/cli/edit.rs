@@ -195,8 +195,8 @@ impl GraphFile<'_> {
             if before == after {
                 continue;
             }
-            let source = |text| Source { name: self.graph.to_owned(), text };
-            let [base, ours, theirs] = [before, text, after].map(source);
+            let [base, ours, theirs] =
+                [before, text, after].map(|text| Source { name: self.graph.to_owned(), text });
             let merge = maquette_edit::merge(self.graph, [&base, &ours, &theirs], catalog);
             if !merge.conflicts.is_empty() {
                 return Err(EditError::Conflict(merge.conflicts));
@@ -214,8 +214,14 @@ impl GraphFile<'_> {
         if self.dry_run {
             return print_document(&changed_lines(&edited.before, &edited.text));
         }
-        let source = |text: String| Source { name: self.graph.to_owned(), text };
-        let found = Graph::differences(&source(edited.before), &source(edited.text), catalog);
+        fn source(text: String, graph: &Path) -> Source {
+            Source { name: graph.to_owned(), text }
+        }
+        let found = Graph::differences(
+            &source(edited.before, self.graph),
+            &source(edited.text, self.graph),
+            catalog,
+        );
         // Both texts have been read.
         found.unwrap_or_default().iter().for_each(|found| print(&format!("{found}\n")));
     }
@@ -225,8 +231,8 @@ impl GraphFile<'_> {
         if edited.text == edited.before {
             return Ok(());
         }
-        let failed = |error| EditError::Write(self.graph.to_owned(), error);
-        replace(self.graph, &edited.before, &edited.text).map_err(failed)
+        replace(self.graph, &edited.before, &edited.text)
+            .map_err(|error| EditError::Write(self.graph.to_owned(), error))
     }
 }
 
@@ -259,31 +265,38 @@ impl EditError {
 
 /// Places in a text, as a list in words.
 fn in_list(places: &[String]) -> String {
-    let place = |place: &String| {
-        if place.is_empty() { "the same lines".into() } else { format!("`{place}`") }
-    };
-    Vec::from_iter(places.iter().map(place)).join(", ")
+    places
+        .iter()
+        .map(|place| if place.is_empty() { "the same lines".into() } else { format!("`{place}`") })
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn in_words(problems: &[Problem]) -> String {
-    Vec::from_iter(problems.iter().map(|problem| &problem.message[..])).join("; ")
+    problems.iter().map(|problem| &problem.message[..]).collect::<Vec<_>>().join("; ")
 }
 
 /// The lines that only one of two texts has, as `diff` prints them: their numbers, and `-` or `+` before each.
 pub(super) fn changed_lines(old: &str, new: &str) -> String {
-    let (old, new) = (Vec::from_iter(old.lines()), Vec::from_iter(new.lines()));
+    let (old, new) = (old.lines().collect::<Vec<_>>(), new.lines().collect::<Vec<_>>());
     let start = old.iter().zip(&new).take_while(|(old, new)| old == new).count();
     let rest = old[start..].iter().rev().zip(new[start..].iter().rev());
     let end = rest.take_while(|(old, new)| old == new).count();
     let (old, new) = (&old[start..old.len() - end], &new[start..new.len() - end]);
     let mut text = String::new();
     for (old_at, old_end, new_at, new_end) in hunks(old, new) {
-        let place = |at: usize, end: usize| match end - at {
-            0 => format!("{},0", start + at),
-            1 => format!("{}", start + at + 1),
-            count => format!("{},{count}", start + at + 1),
-        };
-        text += &format!("@@ -{} +{} @@\n", place(old_at, old_end), place(new_at, new_end));
+        fn place(at: usize, end: usize, start: usize) -> String {
+            match end - at {
+                0 => format!("{},0", start + at),
+                1 => format!("{}", start + at + 1),
+                count => format!("{},{count}", start + at + 1),
+            }
+        }
+        text += &format!(
+            "@@ -{} +{} @@\n",
+            place(old_at, old_end, start),
+            place(new_at, new_end, start)
+        );
         old[old_at..old_end].iter().for_each(|line| text += &format!("-{line}\n"));
         new[new_at..new_end].iter().for_each(|line| text += &format!("+{line}\n"));
     }
@@ -300,14 +313,15 @@ fn hunks(old: &[&str], new: &[&str]) -> Vec<(usize, usize, usize, usize)> {
         }
         // The nearest place from which on both go on alike.
         let ends = (old.len(), new.len());
-        let alike = |skipped: usize| {
-            let mut places = (0..=skipped).map(|k| (a + k, b + skipped - k));
-            places.find(|&(a, b)| {
-                (a, b) == ends || old.get(a).is_some_and(|line| new.get(b) == Some(line))
-            })
-        };
         let most = (old.len() - a) + (new.len() - b);
-        let (to_a, to_b) = (1..=most).find_map(alike).unwrap_or(ends);
+        let (to_a, to_b) = (1..=most)
+            .find_map(|skipped: usize| {
+                let mut places = (0..=skipped).map(|k| (a + k, b + skipped - k));
+                places.find(|&(a, b)| {
+                    (a, b) == ends || old.get(a).is_some_and(|line| new.get(b) == Some(line))
+                })
+            })
+            .unwrap_or(ends);
         hunks.push((a, to_a, b, to_b));
         (a, b) = (to_a, to_b);
     }

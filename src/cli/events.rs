@@ -125,17 +125,19 @@ pub(super) fn does_not_stop(node: &str, kind: &str, pack: &str) -> String {
 }
 
 fn done(ending: &Ending<'_>) -> Json {
-    let count = |state| ending.trace.map_or(0, |trace| trace.count(state));
+    fn count(state: State, ending_trace: &Option<&RunTrace>) -> usize {
+        ending_trace.map_or(0, |trace| trace.count(state))
+    }
     let nodes = ending.trace.iter().flat_map(|trace| &trace.0);
     json!({
         "nodes": nodes.map(NodeTrace::to_json).collect::<Vec<_>>(),
         "run": ending.run,
         "ok": ending.is_ok(),
-        "computed": count(State::Computed),
-        "equal": count(State::Equal),
-        "cached": count(State::Cached),
-        "failed": count(State::Failed),
-        "skipped": count(State::Skipped),
+        "computed": count(State::Computed, &ending.trace),
+        "equal": count(State::Equal, &ending.trace),
+        "cached": count(State::Cached, &ending.trace),
+        "failed": count(State::Failed, &ending.trace),
+        "skipped": count(State::Skipped, &ending.trace),
         "seconds": ending.seconds,
     })
 }

@@ -29,8 +29,9 @@ pub(super) fn without(
 /// Whether a program keeps the file beside a graph: a lock file, pins, or where an editor puts nodes.
 pub(super) fn is_beside(path: &Path) -> bool {
     let name = path.to_string_lossy();
-    let ends_with = |ending| name.ends_with(&format!(".{ending}"));
-    [LOCK_ENDING, PINS_ENDING, LAYOUT_ENDING].into_iter().any(ends_with)
+    [LOCK_ENDING, PINS_ENDING, LAYOUT_ENDING]
+        .into_iter()
+        .any(|ending| name.ends_with(&format!(".{ending}")))
 }
 
 /// Whether the file is no graph by its name: the same, a test or a sweep.

@@ -122,11 +122,11 @@ impl Gallery {
         sources: &Sources,
     ) -> Result<(), String> {
         let known = plain::read_own_text(path).unwrap_or_default();
-        let foreign = |path: &Path| {
+        fn foreign(path: &Path) -> Result<(), String> {
             let what =
                 "no gallery made this file; move it away, or make the gallery of another folder";
             Err(format!("cannot write {}: {what}", path.display()))
-        };
+        }
         if path.exists() && !known.starts_with(MARK) {
             return foreign(path);
         }
@@ -140,8 +140,10 @@ impl Gallery {
         let destination = Destination::folder(&self.graphs, sources);
         let pictures = pictures.iter().map(|(path, bytes)| (&**path, &bytes[..]));
         let all = [(path, page.as_bytes())].into_iter().chain(pictures);
-        let new = Vec::from_iter(all.filter(|(path, bytes)| !holds(path, bytes)));
-        let failed = |path: &Path, why: Refused| format!("cannot write {}: {why}", path.display());
+        let new: Vec<_> = all.filter(|(path, bytes)| !holds(path, bytes)).collect();
+        fn failed(path: &Path, why: Refused) -> String {
+            format!("cannot write {}: {why}", path.display())
+        }
         new.iter()
             .try_for_each(|(path, _)| destination.judge(path).map_err(|why| failed(path, why)))?;
         new.iter()
@@ -177,11 +179,12 @@ impl Gallery {
         for (name, field) in fields.into_iter().flatten() {
             parameter(page, name, field, graph.schema());
         }
-        let outputs = Vec::from_iter(graph.output_names().map(|name| format!("`{name}`")));
+        let outputs: Vec<_> = graph.output_names().map(|name| format!("`{name}`")).collect();
         let _ = writeln!(page, "- writes {}", outputs.join(", "));
         if !used.is_empty() {
             let link = |it: &Subgraph| format!("[{}]({})", it.name, self.relative(&it.file));
-            let _ = writeln!(page, "- uses {}", Vec::from_iter(used.iter().map(link)).join(", "));
+            let _ =
+                writeln!(page, "- uses {}", used.iter().map(link).collect::<Vec<_>>().join(", "));
         }
     }
 
@@ -238,7 +241,9 @@ fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
 /// The first number among the parameters of a graph, and the most that it may be.
 fn number_of(graph: &Graph) -> Option<(String, Json)> {
     let fields = graph.schema().get("properties").and_then(Json::as_object)?;
-    let most = |field: &Json| field.get("maximum").filter(|_| field["type"] == "number").cloned();
+    fn most(field: &Json) -> Option<Json> {
+        field.get("maximum").filter(|_| field["type"] == "number").cloned()
+    }
     fields.iter().find_map(|(name, field)| Some((name.clone(), most(field)?)))
 }
 
@@ -250,9 +255,13 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     for entry in entries {
         let path = entry.map_err(unread)?.path();
         let is_ron = path.extension().is_some_and(|ending| ending == "ron");
-        let text = || plain::read_text(&path).unwrap_or_default();
-        let is_graph = || FileKind::of(&path, &text()) == FileKind::Graph;
-        if path.is_file() && is_ron && !is_no_graph(&path) && is_graph() {
+        fn text(path: &Path) -> String {
+            plain::read_text(path).unwrap_or_default()
+        }
+        fn is_graph(path: &Path) -> bool {
+            FileKind::of(path, &text(path)) == FileKind::Graph
+        }
+        if path.is_file() && is_ron && !is_no_graph(&path) && is_graph(&path) {
             graphs.push(path);
         }
     }

@@ -53,7 +53,7 @@ fn nothing_called(word: &str, command: &clap::Command) -> String {
     }
     let topics = TOPICS.iter().map(|topic| topic.name);
     let commands = command.get_subcommands().map(clap::Command::get_name);
-    unknown(message, word, "there are", &Vec::from_iter(topics.chain(commands)))
+    unknown(message, word, "there are", &topics.chain(commands).collect::<Vec<_>>())
 }
 
 fn width() -> usize {

@@ -108,9 +108,17 @@ impl Inspect {
         };
         let checked = checked.as_far_as_known();
         // What is looked into says itself if it depends on a node of an unknown type or on a missing file.
-        let is_of_node = |it: &Problem| matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE);
-        let is_told = |it: &&Problem| checked.graph.is_none() || !is_of_node(it);
-        report(&Vec::from_iter(checked.problems.iter().filter(is_told).cloned()));
+        fn is_of_node(it: &Problem) -> bool {
+            matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE)
+        }
+        report(
+            &checked
+                .problems
+                .iter()
+                .filter(|it| checked.graph.is_none() || !is_of_node(it))
+                .cloned()
+                .collect::<Vec<_>>(),
+        );
         let Some(graph) = checked.graph else { return Exit::Failed };
         if let Err(why) = self.check() {
             return Exit::Usage(why);
@@ -139,8 +147,9 @@ impl Inspect {
         if let Err(why) = request.check(Some(&graph)) {
             return Exit::Usage(why);
         }
-        let node = |&(_, (node, _)): &Found| graph.nodes()[node].name.clone();
-        let wanted = Wanted::Nodes(outputs.iter().map(node).collect());
+        let wanted = Wanted::Nodes(
+            outputs.iter().map(|&(_, (node, _))| graph.nodes()[node].name.clone()).collect(),
+        );
         let run = Run { wanted, observer: &progress, ..Run::default() };
         let finished = session.run(&graph, &run);
         progress.end();
@@ -186,12 +195,16 @@ impl Inspect {
                 Err(why) => Exit::Usage(why),
             };
         }
-        let of = |name: &str| outputs.iter().find(|(output, _)| output == name).map(|it| it.1);
-        let broken = |(name, value): &(&str, &AnyValue)| {
-            let asked = of(name).map_or(Vec::new(), |target| graph.asked_of(target));
-            Asked::broken(&asked, value)
-        };
-        let broken = Vec::from_iter(found.iter().map(broken));
+        fn of(name: &str, outputs: &[(String, (usize, usize))]) -> Option<(usize, usize)> {
+            outputs.iter().find(|(output, _)| output == name).map(|it| it.1)
+        }
+        let broken: Vec<_> = found
+            .iter()
+            .map(|(name, value)| {
+                let asked = of(name, &outputs).map_or(Vec::new(), |target| graph.asked_of(target));
+                Asked::broken(&asked, value)
+            })
+            .collect();
         self.print(node, &found, &broken, &problems);
         let (Some(path), Some((name, value))) = (&self.out, chosen) else {
             return if found.is_empty() { Exit::Failed } else { Exit::Done };
@@ -201,7 +214,7 @@ impl Inspect {
         }
         let mut sources = Sources::of(&graph);
         inputs.protect(&mut sources);
-        let from = of(name).map(|(node, _)| node);
+        let from = of(name, &outputs).map(|(node, _)| node);
         let source = from.map(|node| Source { graph: &graph, node, session: &mut session });
         let broken = found.iter().zip(&broken).find(|((output, _), _)| *output == name);
         let broken = broken.map_or(&[][..], |(_, broken)| broken);
@@ -221,7 +234,7 @@ impl Inspect {
         if ending(&self.file) == "ron" {
             let graph = self.options.load(&self.file, catalog).as_far_as_known().graph;
             let nodes = graph.iter().flat_map(|graph| graph.nodes().iter());
-            let nodes = Vec::from_iter(nodes.map(|node| &node.name[..]));
+            let nodes: Vec<_> = nodes.map(|node| &node.name[..]).collect();
             return Err(format!("say which node of {file}: {}", nodes.join(", ")));
         }
         let (value, _) = catalog.readers().open(&self.file, None)?;
@@ -269,8 +282,8 @@ impl Inspect {
         found: Vec<(&'v str, &'v AnyValue)>,
     ) -> Result<Vec<(&'v str, &'v AnyValue)>, String> {
         let Some(at) = self.pixel().filter(|_| !found.is_empty()) else { return Ok(found) };
-        let answers = |(_, value): &&(&str, &AnyValue)| probe::at(value, at).is_some();
-        let answering = Vec::from_iter(found.iter().filter(answers).copied());
+        let answering: Vec<_> =
+            found.iter().filter(|(_, value)| probe::at(value, at).is_some()).copied().collect();
         if answering.is_empty() { Err(probe::no_answer(node, &found, at)) } else { Ok(answering) }
     }
 
@@ -298,11 +311,15 @@ impl Inspect {
             Some(node) => {
                 let names = graph.nodes()[node].outputs.iter().enumerate();
                 // The elements of data have no names, but numbers.
-                let label = |index: usize, name: &str| match graph.nodes()[node].kind() {
-                    ELEMENTS => format!("{name} {}", index + 1),
-                    _ => name.to_owned(),
-                };
-                names.map(|(index, name)| (label(index, name), (node, index))).collect()
+                fn label(index: usize, name: &str, node: usize, graph: &Graph) -> String {
+                    match graph.nodes()[node].kind() {
+                        ELEMENTS => format!("{name} {}", index + 1),
+                        _ => name.to_owned(),
+                    }
+                }
+                names
+                    .map(|(index, name)| (label(index, name, node, graph), (node, index)))
+                    .collect()
             }
             None if graph.element(name).is_some() => {
                 graph.element(name).map(|target| ("value".to_owned(), target)).into_iter().collect()
@@ -315,23 +332,31 @@ impl Inspect {
                 })?;
                 let all = given.outputs.iter().flat_map(|(name, targets)| {
                     let one = targets.len() == 1;
-                    let label = move |k: usize| match one {
-                        true => name.clone(),
-                        false => format!("{name} {}", k + 1),
-                    };
-                    targets.iter().enumerate().map(move |(k, &target)| (label(k), target))
+                    fn label(k: usize, name: &str, one: bool) -> String {
+                        match one {
+                            true => name.to_owned(),
+                            false => format!("{name} {}", k + 1),
+                        }
+                    }
+                    targets
+                        .iter()
+                        .enumerate()
+                        .map(move |(k, &target)| (label(k, name, one), target))
                 });
                 all.collect()
             }
         };
         let Some(output) = output else { return Ok(outputs) };
-        let names = Vec::from_iter(outputs.iter().map(|(name, _)| &name[..])).join(", ");
-        let none = || format!("`{name}` has no output `{output}`; its outputs: {names}");
-        let is_meant = |name: &str| {
+        let names = outputs.iter().map(|(name, _)| &name[..]).collect::<Vec<_>>().join(", ");
+        fn none(name: &str, output: &str, names: &str) -> String {
+            format!("`{name}` has no output `{output}`; its outputs: {names}")
+        }
+        fn is_meant(name: &str, output: &str) -> bool {
             name.strip_prefix(output).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
-        };
-        let error = none();
-        let found = Vec::from_iter(outputs.into_iter().filter(|(name, _)| is_meant(name)));
+        }
+        let error = none(name, output, &names);
+        let found: Vec<_> =
+            outputs.into_iter().filter(|(name, _)| is_meant(name, output)).collect();
         if found.is_empty() { Err(error) } else { Ok(found) }
     }
 
@@ -437,13 +462,15 @@ fn chosen<'v>(
     ending: &str,
     catalog: &Arc<Catalog>,
 ) -> Result<(&'v str, &'v AnyValue), String> {
-    let fits = |value: &AnyValue| {
+    fn fits(value: &AnyValue, ending: &str, catalog: &Arc<Catalog>) -> bool {
         catalog.format(value.kind(), ending).is_some() || ending == "png" && is_drawn(value)
-    };
-    if let Some(found) = found.iter().find(|(_, value)| fits(value)) {
+    }
+    if let Some(found) = found.iter().find(|(_, value)| fits(value, ending, catalog)) {
         return Ok(*found);
     }
-    let can_be_seen = |value: &AnyValue| !value.show().is_empty();
+    fn can_be_seen(value: &AnyValue) -> bool {
+        !value.show().is_empty()
+    }
     let seen = found.iter().find(|(_, value)| ending == "png" && can_be_seen(value));
     if let Some(found) = seen {
         return Ok(*found);
@@ -475,9 +502,9 @@ fn is_best_seen(value: &AnyValue) -> bool {
 
 /// Writes all files, or none if one of them may not be written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
-    let failed = |path: &Path, why: &dyn std::fmt::Display| {
+    fn failed(path: &Path, why: &dyn std::fmt::Display) -> Exit {
         Exit::Usage(format!("cannot write {}: {why}", path.shown()))
-    };
+    }
     let files = match files {
         Ok(files) => files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes)),
         Err(error) => return failed(path, &error),
@@ -505,8 +532,8 @@ fn histogram(fact: &Json) -> String {
     let counts: Vec<u64> = counts.collect();
     let most = counts.iter().copied().max().unwrap_or(0).max(1);
     // Rounded up: a part with a single number is seen.
-    let bar = |count: &u64| HEIGHTS[(count * 8).div_ceil(most) as usize];
-    let bars: String = counts.iter().map(bar).collect();
+    let bars: String =
+        counts.iter().map(|count| HEIGHTS[(count * 8).div_ceil(most) as usize]).collect();
     format!("{} {bars} {}", in_words(&fact["from"]), in_words(&fact["to"]))
 }
 

@@ -19,7 +19,7 @@ pub(super) fn cancels(token: &CancelToken) {
 /// Calls this whenever the program is asked to end.
 pub(super) fn handle(action: impl Fn() + Send + 'static) {
     let action = Mutex::new(action);
-    let asked = move || action.lock().unwrap_or_else(|broken| broken.into_inner())();
     // Where there are no signals the program ends without being asked.
-    let _ = ctrlc::set_handler(asked);
+    let _ =
+        ctrlc::set_handler(move || action.lock().unwrap_or_else(|broken| broken.into_inner())());
 }

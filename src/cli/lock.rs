@@ -144,7 +144,7 @@ impl Update {
         let by_name = now.names.iter().find(|(known, _)| known == name).map(|(_, key)| key);
         let Some(key) = by_name.or_else(|| all.get(name)) else {
             let names = now.names.iter().map(|(name, _)| &name[..]);
-            let known = Vec::from_iter(names.chain(all.iter().map(String::as_str)));
+            let known: Vec<_> = names.chain(all.iter().map(String::as_str)).collect();
             let message = format!("{} uses no graph `{name}`", self.graph.shown());
             return Ok(Err(unknown(message, name, "it uses", &known)));
         };
@@ -203,8 +203,8 @@ fn used_now(
 
 /// The right to change the lock of a graph.
 fn turn(graph: &Path) -> Result<Turn, String> {
-    let cannot = |error| format!("cannot write {}: {error}", lock_beside(graph).shown());
-    Turn::beside(graph).map_err(cannot)
+    Turn::beside(graph)
+        .map_err(|error| format!("cannot write {}: {error}", lock_beside(graph).shown()))
 }
 
 /// Writes the lock of a graph.

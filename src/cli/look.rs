@@ -37,8 +37,10 @@ impl At {
 /// Two numbers are a pixel, three a place, anything else a name.
 pub(super) fn at(text: &str) -> Result<At, String> {
     const WRITE: &str = "write COLUMN,ROW for a pixel, X,Y,Z for a place, or NODE or NODE.OUTPUT";
-    let parts = Vec::from_iter(text.split(',').map(str::trim));
-    let number = |part: &str| part.parse::<f64>().ok().filter(|number| number.is_finite());
+    let parts: Vec<_> = text.split(',').map(str::trim).collect();
+    fn number(part: &str) -> Option<f64> {
+        part.parse::<f64>().ok().filter(|number| number.is_finite())
+    }
     match parts[..] {
         [name] if !name.is_empty() && number(name).is_none() => Ok(At::Value(name.to_owned())),
         [x, y] => {
@@ -120,10 +122,12 @@ impl Request<'_> {
         let mut layers = value.show();
         self.broken.iter().for_each(|broken| broken.offence.mark(&mut layers));
         let flat = picture_of(&layers).filter(|_| self.kind != Kind::Space);
-        let what = || with_article(value.kind().name);
+        fn what(value: &AnyValue) -> String {
+            with_article(value.kind().name)
+        }
         if self.over.over.is_some() && flat.is_none() {
             let why = "is seen in space, not as a flat picture that lies on another";
-            return Err(Exit::Usage(format!("{} {why}: leave --over out", what())));
+            return Err(Exit::Usage(format!("{} {why}: leave --over out", what(value))));
         }
         let (mut view, mut ground) = (self.view, None);
         match (self.at, source) {
@@ -144,7 +148,7 @@ impl Request<'_> {
                 ),
                 None => ("has nothing to be seen", "`maquette inspect` prints what it is"),
             };
-            Exit::Usage(format!("{} {why}: {help}", what()))
+            Exit::Usage(format!("{} {why}: {help}", what(value)))
         })
     }
 }
@@ -190,7 +194,7 @@ impl Source<'_> {
         let size = [picture.image.width(), picture.image.height()];
         let of_grids =
             grids.filter(|it| [it.width(), it.height()] == size).map(|it| *it.registration());
-        let known = Vec::from_iter(picture.registration.into_iter().chain(of_grids));
+        let known: Vec<_> = picture.registration.into_iter().chain(of_grids).collect();
         for image in self.values(&chosen)? {
             let Some(given) = image.get::<Image>().map(|it| [it.width(), it.height()]) else {
                 continue;
@@ -205,15 +209,18 @@ impl Source<'_> {
 
     /// The values of some outputs of nodes, which take no time if the value was computed from them.
     fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Vec<Problem>> {
-        let name = |&(node, _): &(usize, usize)| self.graph.nodes()[node].name.clone();
-        let wanted = Wanted::Nodes(targets.iter().map(name).collect());
+        let wanted = Wanted::Nodes(
+            targets.iter().map(|&(node, _)| self.graph.nodes()[node].name.clone()).collect(),
+        );
         let run = Run { wanted, ..Run::default() };
         let finished = self.session.run(self.graph, &run)?;
-        let value = |&(node, output): &(usize, usize)| {
-            let node = &self.graph.nodes()[node];
-            finished.value_of(&node.name, node.outputs[output]).cloned()
-        };
-        let values: Option<Vec<AnyValue>> = targets.iter().map(value).collect();
+        let values: Option<Vec<AnyValue>> = targets
+            .iter()
+            .map(|&(node, output)| {
+                let node = &self.graph.nodes()[node];
+                finished.value_of(&node.name, node.outputs[output]).cloned()
+            })
+            .collect();
         values.ok_or_else(|| finished.problems())
     }
 }
@@ -233,7 +240,7 @@ pub(super) fn place(graph: &Graph, name: &str) -> Result<(usize, usize), String>
             let message = format!("`{}` has no output `{output}`", node.name);
             return unknown(message, output, "its outputs", &node.outputs);
         }
-        let known = Vec::from_iter(graph.output_names().chain(graph.names()));
+        let known: Vec<_> = graph.output_names().chain(graph.names()).collect();
         graph.unknown("output or node", name, "it has", &known)
     })
 }
@@ -262,10 +269,9 @@ fn linked(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
 
 /// The pictures among some outputs, then those of the same nodes that nothing is linked to.
 fn images(graph: &Graph, linked: &[(usize, usize)]) -> Vec<(usize, usize)> {
-    let all = |&(node, _): &(usize, usize)| {
+    let beside = linked.iter().flat_map(|&(node, _)| {
         (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output))
-    };
-    let beside = linked.iter().flat_map(all);
+    });
     let mut images = Vec::new();
     for at in linked.iter().copied().chain(beside).filter(|at| gives::<Image>(graph, *at)) {
         if !images.contains(&at) {

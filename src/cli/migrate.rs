@@ -51,10 +51,10 @@ impl Migrate {
 
     /// Whether a file has something old in it; an error that has been printed.
     fn file(&self, path: &Path, catalog: &Catalog) -> Result<bool, ()> {
-        let failed = |what: &str, error: &std::io::Error| {
+        fn failed(what: &str, error: &std::io::Error, path: &Path) {
             eprint(&format!("error: cannot {what} {}: {error}\n", path.shown()));
-        };
-        let text = read(path).map_err(|error| failed("read", &error))?;
+        }
+        let text = read(path).map_err(|error| failed("read", &error, path))?;
         let migrated = match first_word(&text) {
             "Graph" | "Patch" => Graph::migrated(path, &text, catalog),
             "Test" => {
@@ -79,7 +79,7 @@ impl Migrate {
             (true, _) => {
                 let turn = Turn::beside(path);
                 let written = turn.and_then(|_turn| replace(path, &text, &migrated));
-                written.map_err(|error| failed("write", &error))?;
+                written.map_err(|error| failed("write", &error, path))?;
                 print(&format!("{}\n", path.shown()));
             }
             (false, true) => print(&format!("{}\n", path.shown())),

@@ -108,8 +108,10 @@ impl New {
 
     /// The recipe that is asked for, or the first one whose files are there.
     fn recipe(&self, scans: &Scans, catalog: &Catalog) -> Result<(Recipe, Wants), String> {
-        let wants = |recipe: &Recipe| Some((*recipe, Wants::of(recipe, catalog)?));
-        let all = catalog.recipes().iter().filter_map(wants);
+        let all = catalog
+            .recipes()
+            .iter()
+            .filter_map(|recipe| Some((*recipe, Wants::of(recipe, catalog)?)));
         let mut all = Vec::from_iter(all);
         // What is made of several is worth more than what is made of the first.
         all.sort_by_key(|(_, wants)| !wants.many);
@@ -117,7 +119,7 @@ impl New {
             let found = all.into_iter().find(|(_, wants)| wants.fit(&scans.all));
             return found.ok_or_else(|| scans.nothing());
         };
-        let names = Vec::from_iter(all.iter().map(|(recipe, _)| recipe.name));
+        let names: Vec<_> = all.iter().map(|(recipe, _)| recipe.name).collect();
         let found = all.iter().find(|(recipe, _)| recipe.name == name).cloned();
         let found = found.ok_or_else(|| {
             unknown(format!("there is no recipe `{name}`"), name, "there are", &names)

@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::Args;
 use maquette_graph::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
 use maquette_graph::{Files, Graph, Options, Subgraph};
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::Severity;
 use maquette_syntax::{any_of, inside, nearest, unknown, variants};
 use serde_json::{Value as Json, json};
 
@@ -37,7 +37,7 @@ impl Nodes {
                     &json!({ "nodes": catalog.entries().map(Entry::to_json).collect::<Vec<_>>() }),
                 ),
                 false if self.doc => {
-                    self.print(&Vec::from_iter(catalog.entries().map(Entry::description)));
+                    self.print(&catalog.entries().map(Entry::description).collect::<Vec<_>>());
                 }
                 false => print(&list(catalog)),
             }
@@ -73,19 +73,25 @@ impl Nodes {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let (subgraphs, problems) = Graph::subgraphs(path, catalog, &options);
         report(&problems);
-        let wanted = |it: &&Subgraph| self.of_graph.as_ref().is_none_or(|name| it.name == *name);
-        let found = Vec::from_iter(subgraphs.iter().filter(wanted).map(Subgraph::description));
+        let found: Vec<_> = subgraphs
+            .iter()
+            .filter(|it| self.of_graph.as_ref().is_none_or(|name| it.name == *name))
+            .map(Subgraph::description)
+            .collect();
         if let (true, Some(name)) = (found.is_empty(), &self.of_graph) {
             let message = format!("{} uses no graph `{name}`", path.shown());
-            let known = Vec::from_iter(subgraphs.iter().map(|it| &it.name[..]));
+            let known: Vec<_> = subgraphs.iter().map(|it| &it.name[..]).collect();
             return Exit::Usage(unknown(message, name, "it uses", &known));
         }
         self.print(&found);
         if found.is_empty() && !self.json && problems.is_empty() {
             print(&format!("{} uses no other graph\n", path.shown()));
         }
-        let is_error = |problem: &Problem| problem.severity == Severity::Error;
-        if problems.iter().any(is_error) { Exit::Failed } else { Exit::Done }
+        if problems.iter().any(|problem| problem.severity == Severity::Error) {
+            Exit::Failed
+        } else {
+            Exit::Done
+        }
     }
 }
 

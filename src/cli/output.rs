@@ -119,11 +119,11 @@ pub(crate) fn shows_color(stream: &impl IsTerminal) -> bool {
 
 /// The problems that are told, in their order, and how many are not: where there are too many, errors go before warnings.
 pub(crate) fn told(problems: &[Problem]) -> (Vec<&Problem>, usize) {
-    let mut told = Vec::from_iter(problems.iter().enumerate());
+    let mut told: Vec<_> = problems.iter().enumerate().collect();
     told.sort_by_key(|(_, problem)| problem.severity);
     told.truncate(MOST_TOLD);
     told.sort_by_key(|(index, _)| *index);
-    let told = Vec::from_iter(told.into_iter().map(|(_, problem)| problem));
+    let told: Vec<_> = told.into_iter().map(|(_, problem)| problem).collect();
     let rest = problems.len() - told.len();
     (told, rest)
 }
@@ -146,9 +146,11 @@ pub(crate) fn all_outputs(session: &mut Session, graph: &Graph) -> Option<Finish
     match session.run(graph, &Run { wanted, ..Run::default() }) {
         Ok(finished) => {
             // The check has told of nodes of unknown types, and other outputs may be there.
-            let unknown = |problem: &Problem| problem.code == code::UNKNOWN_NODE;
+            fn unknown(problem: &Problem) -> bool {
+                problem.code == code::UNKNOWN_NODE
+            }
             let problems = finished.problems();
-            report(&Vec::from_iter(problems.into_iter().filter(|it| !unknown(it))));
+            report(&problems.into_iter().filter(|it| !unknown(it)).collect::<Vec<_>>());
             Some(finished)
         }
         Err(problems) => {

@@ -86,7 +86,7 @@ impl Pin {
         match Pins::of(&self.graph) {
             Ok(pins) => {
                 for (name, pin) in &pins.pins {
-                    let kinds = Vec::from_iter(pin.outputs.iter().map(|(kind, _)| &kind[..]));
+                    let kinds: Vec<_> = pin.outputs.iter().map(|(kind, _)| &kind[..]).collect();
                     print(&format!("{name}  {}\n", kinds.join(", ")));
                 }
             }
@@ -109,12 +109,14 @@ impl Unpin {
             Err(error) => return failed(&error),
         };
         taken.iter().for_each(|name| print(&format!("unpinned {name}\n")));
-        let is_taken = |name: &&String| taken.iter().any(|pinned| means(name, pinned));
-        match self.nodes.iter().find(|name| !is_taken(name)) {
+        fn is_taken(name: &&String, taken: &[String]) -> bool {
+            taken.iter().any(|pinned| means(name, pinned))
+        }
+        match self.nodes.iter().find(|name| !is_taken(name, &taken)) {
             None => Exit::Done,
             Some(name) => {
                 let pins = Pins::of(&self.graph).unwrap_or_default();
-                let known = Vec::from_iter(pins.pins.keys().map(|name| &name[..]));
+                let known: Vec<_> = pins.pins.keys().map(|name| &name[..]).collect();
                 Exit::Usage(unknown(format!("`{name}` is not pinned"), name, "pinned are", &known))
             }
         }

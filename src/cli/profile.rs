@@ -49,7 +49,7 @@ pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> Strin
         false => aside(&file.output, "output", "written", file.seconds),
     });
     let reading = [aside("graph", "", "read", read.graph), aside("files", "", "read", read.files)];
-    let mut rows = Vec::from_iter(nodes.chain(reading).chain(outputs));
+    let mut rows: Vec<_> = nodes.chain(reading).chain(outputs).collect();
     rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
     let total: f64 = rows.iter().map(|row| row.seconds).sum();
     let width = |cell: fn(&Row<'_>) -> usize| column_width(rows.iter().map(cell)).max("node".len());

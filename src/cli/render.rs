@@ -58,7 +58,9 @@ pub(crate) struct Render {
 const LARGEST: usize = 1 << 14;
 
 pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
-    let parse = |part: &str| part.trim().parse::<usize>().ok();
+    fn parse(part: &str) -> Option<usize> {
+        part.trim().parse::<usize>().ok()
+    }
     let parts = text.split_once('x').and_then(|(width, height)| parse(width).zip(parse(height)));
     let (width, height) = parts.ok_or("write WIDTHxHEIGHT")?;
     match [width, height].iter().all(|size| (1..=LARGEST).contains(size)) {

@@ -116,9 +116,11 @@ impl Replay {
         };
         let folders = [PathBuf::from("."), folder_of_new(&self.file)];
         let graphs = folders.map(|folder| project_root(&folder).join(name));
-        let is_it = |graph: &PathBuf| graph.ends_with(name) && graph.is_file();
-        let noted = || folder_of_new(&self.file).ancestors().find_map(|it| session.graph_of(it));
-        let known = graphs.into_iter().find(|graph| graph.is_file()).or_else(noted).filter(is_it);
+        let known = graphs
+            .into_iter()
+            .find(|graph| graph.is_file())
+            .or_else(|| folder_of_new(&self.file).ancestors().find_map(|it| session.graph_of(it)))
+            .filter(|graph| graph.ends_with(name) && graph.is_file());
         if let Some(graph) = known {
             return Ok(graph);
         }
@@ -262,19 +264,21 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
 fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
     let options = Options { files: Files::Ignored, draft: told.draft, ..Options::default() };
     let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
-    let parameter = |(name, value): (&String, &serde_json::Value)| {
-        let graph = graph.as_ref()?;
-        let own =
-            graph.schema()["properties"].get(name).and_then(|declared| declared.get("default"));
-        let value = graph.as_ron(name, value)?;
-        let is_own = own.and_then(|own| graph.as_ron(name, own)).is_some_and(|own| own == value);
-        (!is_own).then(|| (name.clone(), value))
-    };
-    let field = |(name, value): (&String, &serde_json::Value)| {
-        Some((name.clone(), value.as_str()?.to_owned()))
-    };
-    let parameters = told.parameters.iter().filter_map(parameter);
-    parameters.chain(told.set.iter().filter_map(field)).collect()
+    let parameters =
+        told.parameters.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
+            let graph = graph.as_ref()?;
+            let own =
+                graph.schema()["properties"].get(name).and_then(|declared| declared.get("default"));
+            let value = graph.as_ron(name, value)?;
+            let is_own =
+                own.and_then(|own| graph.as_ron(name, own)).is_some_and(|own| own == value);
+            (!is_own).then(|| (name.clone(), value))
+        });
+    parameters
+        .chain(told.set.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
+            Some((name.clone(), value.as_str()?.to_owned()))
+        }))
+        .collect()
 }
 
 /// The output of this name.

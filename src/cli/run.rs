@@ -103,13 +103,21 @@ impl Run {
             let graph = session.as_last_known(&graph);
             return match session.dry_run(&graph, &self.only, &into) {
                 Ok(forecasts) => {
-                    let lacks = |it: &Forecast| {
-                        graph.nodes()[it.index].files.iter().any(|file| file.missing.is_some())
-                    };
-                    let is_missing = |problem: &&Problem| problem.code == code::MISSING_FILE;
-                    report(&Vec::from_iter(problems.iter().filter(is_missing).cloned()));
+                    report(
+                        &problems
+                            .iter()
+                            .filter(|problem| problem.code == code::MISSING_FILE)
+                            .cloned()
+                            .collect::<Vec<_>>(),
+                    );
                     print(&forecast(&graph, &forecasts));
-                    if forecasts.iter().any(lacks) { Exit::Failed } else { Exit::Done }
+                    if forecasts.iter().any(|it| {
+                        graph.nodes()[it.index].files.iter().any(|file| file.missing.is_some())
+                    }) {
+                        Exit::Failed
+                    } else {
+                        Exit::Done
+                    }
                 }
                 Err(why) => Exit::Usage(why),
             };

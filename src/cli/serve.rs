@@ -15,7 +15,7 @@ use maquette_diagram::Places;
 use maquette_edit::Edited;
 use maquette_engine::writing::Shelf;
 use maquette_graph::catalog::{Catalog, Entry};
-use maquette_graph::{Graph, GraphInput, Options, PINS_ENDING};
+use maquette_graph::{Graph, Options, PINS_ENDING};
 use maquette_node::CancelToken;
 use maquette_value::ValueType;
 use maquette_value::plain;
@@ -141,7 +141,7 @@ impl Server<'_> {
     fn hear(&self, Line { id, wish }: Line) {
         let answer = match wish {
             Ok(Wish::Catalog {}) => {
-                let nodes = Vec::from_iter(self.catalog.entries().map(Entry::to_json));
+                let nodes: Vec<_> = self.catalog.entries().map(Entry::to_json).collect();
                 Ok(json!({ "nodes": nodes }))
             }
             Ok(Wish::Load(load)) => Ok(self.load(&load)),
@@ -193,16 +193,18 @@ impl Server<'_> {
         });
         put_problems(&mut told, &checked.problems);
         if let Some(graph) = checked.graph {
-            let input = |input: &GraphInput| {
-                let kind = input.kind.name;
-                json!({ "name": input.name, "type": kind, "doc": input.doc })
-            };
-            let result = |(name, kind): (&str, Option<&ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) });
             told["doc"] = graph.doc().into();
             told["text"] = graph.source_text().into();
             told["schema"] = graph.schema().clone();
-            told["inputs"] = graph.inputs().iter().map(input).collect();
-            told["outputs"] = graph.results().map(result).collect();
+            told["inputs"] = graph
+                .inputs()
+                .iter()
+                .map(|input| {
+                    let kind = input.kind.name;
+                    json!({ "name": input.name, "type": kind, "doc": input.doc })
+                })
+                .collect();
+            told["outputs"] = graph.results().map(|(name, kind): (&str, Option<&ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) })).collect();
             told["nodes"] = graph.node_names().collect();
         }
         told

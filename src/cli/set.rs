@@ -30,11 +30,11 @@ pub(crate) struct Set {
 
 impl Set {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let edit = |(target, value): &(String, String)| GraphEdit::Set {
-            target: target.clone(),
-            value: value.clone(),
-        };
-        let edits = Vec::from_iter(self.values.iter().map(edit));
+        let edits: Vec<_> = self
+            .values
+            .iter()
+            .map(|(target, value)| GraphEdit::Set { target: target.clone(), value: value.clone() })
+            .collect();
         let file = GraphFile {
             graph: &self.graph,
             roots: &self.roots,

@@ -166,7 +166,10 @@ fn rows_of(graph: &Graph) -> Vec<Vec<(String, String)>> {
 fn title(values: &[(String, String)]) -> String {
     match values {
         [] => "the defaults".to_owned(),
-        values => Vec::from_iter(values.iter().map(|(name, value)| format!("{name} = {value}")))
+        values => values
+            .iter()
+            .map(|(name, value)| format!("{name} = {value}"))
+            .collect::<Vec<_>>()
             .join(", "),
     }
 }

@@ -153,11 +153,14 @@ impl Test {
         if std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
             return Err("refused where CI is set: goldens are accepted by people".into());
         }
-        let changes = |case: &&Case| {
-            let rest = case.warnings.len() + case.orphans.len();
-            case.state != State::Broken && (rest > 0 || case.changed_outputs().next().is_some())
-        };
-        let cases: Vec<&Case> = report.cases.iter().filter(changes).collect();
+        let cases: Vec<&Case> = report
+            .cases
+            .iter()
+            .filter(|case| {
+                let rest = case.warnings.len() + case.orphans.len();
+                case.state != State::Broken && (rest > 0 || case.changed_outputs().next().is_some())
+            })
+            .collect();
         let paths = cases.iter().map(|case| &case.folder).chain(&report.orphans);
         if let Some(path) = paths.filter_map(|path| uncommitted(path)).next() {
             return Err(format!(
@@ -179,11 +182,14 @@ impl Test {
             print(&format!("{word}  {}\n", orphan.shown()));
         }
         print(&format!("{} blessed\n", counted(count.accepted, "golden")));
-        let errors = |case: &&Case| {
-            let is_error = |problem: &Problem| problem.severity == Severity::Error;
-            !case.violations.is_empty() || case.problems.iter().any(is_error)
-        };
-        let wrong: Vec<&Case> = report.cases.iter().filter(errors).collect();
+        let wrong: Vec<&Case> = report
+            .cases
+            .iter()
+            .filter(|case| {
+                !case.violations.is_empty()
+                    || case.problems.iter().any(|problem| problem.severity == Severity::Error)
+            })
+            .collect();
         let mut told = Told::default();
         for case in &wrong {
             print(&format!("{}  {}\n", word(case), case.title()));
@@ -375,14 +381,13 @@ impl Told {
     /// Tells the problems of a case that were not told before.
     fn report(&mut self, case: &Case) {
         let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
-        let is_known = |problem: &&Problem| {
+        let (known, new): (Vec<&Problem>, Vec<&Problem>) = problems.partition(|problem| {
             self.0.iter().any(|known| {
                 (&known.source.name, known.span, &known.message)
                     == (&problem.source.name, problem.span, &problem.message)
             })
-        };
-        let (known, new): (Vec<&Problem>, Vec<&Problem>) = problems.partition(is_known);
-        let new = Vec::from_iter(new.into_iter().cloned());
+        });
+        let new: Vec<_> = new.into_iter().cloned().collect();
         report(&new);
         if !known.is_empty() {
             print(&format!("          {} as before\n", counted(known.len(), "problem")));

@@ -127,9 +127,14 @@ impl Watch {
         let link = page.as_ref().map(Page::link);
         let screen = !self.events && !self.once && Screen::is_possible();
         let input = sender.clone();
-        let sink = move |heard| drop(input.send(Message::Input(heard)));
-        let open = || Terminal::open(&self.graph, &folder, link.clone(), sink).ok();
-        let terminal = screen.then(open).flatten();
+        let terminal = screen
+            .then(|| {
+                Terminal::open(&self.graph, &folder, link.clone(), move |heard| {
+                    drop(input.send(Message::Input(heard)))
+                })
+                .ok()
+            })
+            .flatten();
         let quiet = terminal.is_some();
         if let Some(link) = link.as_ref().filter(|_| !quiet) {
             self.tell_link(link);
@@ -166,8 +171,9 @@ impl Watch {
 
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
-        let wish = move |wish| drop(sender.send(Message::Page(wish)));
-        Page::open(&self.graph, self.options.draft, self.in_editor, wish)
+        Page::open(&self.graph, self.options.draft, self.in_editor, move |wish| {
+            drop(sender.send(Message::Page(wish)))
+        })
     }
 
     fn tell_link(&self, link: &str) {
@@ -208,11 +214,12 @@ impl Watch {
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
         let mut wishes = vec![watch::Wish { path, why: "the graph".into() }];
-        let used = |path: &PathBuf| watch::Wish {
-            path: here.join(path),
-            why: "a graph that it uses".into(),
-        };
-        wishes.extend(subgraphs.iter().map(used));
+        wishes.extend(
+            subgraphs.iter().map(|path| watch::Wish {
+                path: here.join(path),
+                why: "a graph that it uses".into(),
+            }),
+        );
         for (ending, why) in [(LOCK_ENDING, "its lock file"), (PINS_ENDING, "its pins")] {
             let path = here.join(self.graph.with_extension(ending));
             wishes.push(watch::Wish { path, why: format!("{why} if there is one") });
@@ -229,7 +236,9 @@ impl Watch {
             let path = here.join(path);
             let beside = iter::once(path.with_file_name(camera::NAME));
             let named = beside.chain(named_in(&path, &roots, readers));
-            let why = || "read with an input if it is there".into();
+            fn why() -> String {
+                "read with an input if it is there".into()
+            }
             wishes.extend(named.map(|path| watch::Wish { path, why: why() }));
             wishes.push(watch::Wish { path, why: "an input".into() });
         }

@@ -41,9 +41,9 @@ impl Drawing {
 
 /// A node as the fields of a record: its ports left and right of its name and type.
 fn record(block: &Block) -> String {
-    let field = |(index, name): (usize, &str), letter: char| {
+    fn field((index, name): (usize, &str), letter: char) -> String {
         format!("<{letter}{index}> {}", in_record(name))
-    };
+    }
     let inputs = block.inputs.iter().map(String::as_str).enumerate().map(|port| field(port, 'i'));
     let outputs = block.outputs.iter().map(|port| &port.name[..]);
     let outputs = outputs.enumerate().map(|port| field(port, 'o'));

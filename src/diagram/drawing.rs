@@ -216,8 +216,12 @@ pub(crate) fn sources(
         match part {
             BoxContent::Node(node) => {
                 let outputs = 0..graph.nodes()[*node].outputs.len();
-                let drawn = |output| if is_apart(graph, *node) { 0 } else { output };
-                sources.extend(outputs.map(|output| ((*node, output), [index, drawn(output)])));
+                fn drawn(output: usize, graph: &Graph, node: usize) -> usize {
+                    if is_apart(graph, node) { 0 } else { output }
+                }
+                sources.extend(
+                    outputs.map(|output| ((*node, output), [index, drawn(output, graph, *node)])),
+                );
             }
             BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
@@ -245,27 +249,38 @@ pub(crate) fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize
 
 /// The name, type and outputs of a box.
 pub(crate) fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>) {
-    let kind_of = |node: usize, output: usize| {
+    fn kind_of(node: usize, output: usize, graph: &Graph) -> String {
         let kind = graph.nodes()[node].types.get(output).copied().flatten();
         kind.map_or_else(String::new, |kind| kind.name.to_owned())
-    };
+    }
     match part {
         BoxContent::Node(index) => {
             let node = &graph.nodes()[*index];
             let outputs = node.outputs.iter().enumerate();
-            let port = |(output, name): (usize, &&'static str)| Port {
-                name: (*name).to_owned(),
-                kind: kind_of(*index, output),
-            };
             let drawn = if is_apart(graph, *index) { 1 } else { usize::MAX };
-            (node.name.clone(), node.kind().to_owned(), outputs.take(drawn).map(port).collect())
+            (
+                node.name.clone(),
+                node.kind().to_owned(),
+                outputs
+                    .take(drawn)
+                    .map(|(output, name)| Port {
+                        name: (*name).to_owned(),
+                        kind: kind_of(*index, output, graph),
+                    })
+                    .collect(),
+            )
         }
         BoxContent::Use(given, _) => {
-            let port = |(name, targets): &(String, Vec<(usize, usize)>)| Port {
-                name: name.clone(),
-                kind: targets.first().map_or_else(String::new, |&(node, at)| kind_of(node, at)),
-            };
-            let outputs = given.outputs.iter().map(port).collect();
+            let outputs = given
+                .outputs
+                .iter()
+                .map(|(name, targets)| Port {
+                    name: name.clone(),
+                    kind: targets
+                        .first()
+                        .map_or_else(String::new, |&(node, at)| kind_of(node, at, graph)),
+                })
+                .collect();
             let kind = match elements(graph, given) {
                 Some(count) => format!("{} of {count} elements", given.kind),
                 None if given.is_open => format!("{} of ? elements", given.kind),
@@ -282,18 +297,28 @@ pub(crate) mod tests {
 
     /// A scan of two outputs that a mask, a mesh and three files come from; texts that need escapes.
     pub(crate) fn scan() -> Drawing {
-        let block = |name: &str, kind: &str, pack, inputs: &[&str], outputs: &[[&str; 2]]| Block {
-            name: name.into(),
-            node: (!kind.is_empty()).then(|| NodeBlock { kind: kind.into(), pack }),
-            inputs: inputs.iter().map(|&name| name.into()).collect(),
-            outputs: outputs
-                .iter()
-                .map(|[name, kind]| Port { name: (*name).into(), kind: (*kind).into() })
-                .collect(),
-            at: None,
-            drafts: Vec::new(),
-        };
-        let wire = |from, to| Wire { from, to };
+        fn block(
+            name: &str,
+            kind: &str,
+            pack: usize,
+            inputs: &[&str],
+            outputs: &[[&str; 2]],
+        ) -> Block {
+            Block {
+                name: name.into(),
+                node: (!kind.is_empty()).then(|| NodeBlock { kind: kind.into(), pack }),
+                inputs: inputs.iter().map(|&name| name.into()).collect(),
+                outputs: outputs
+                    .iter()
+                    .map(|[name, kind]| Port { name: (*name).into(), kind: (*kind).into() })
+                    .collect(),
+                at: None,
+                drafts: Vec::new(),
+            }
+        }
+        fn wire(from: [usize; 2], to: [usize; 2]) -> Wire {
+            Wire { from, to }
+        }
         Drawing {
             doc: "Finds \"red\" & more\u{7}.".into(),
             packs: ["image", "range"]

@@ -30,20 +30,24 @@ impl Drawing {
         json!({
             "doc": self.doc,
             "size": picture.size(&columns),
-            "packs": Vec::from_iter(self.packs.iter().enumerate().map(pack)),
-            "boxes": Vec::from_iter(self.boxes.iter().enumerate().map(block)),
-            "links": Vec::from_iter(picture.paths(&columns).map(link)),
+            "packs": self.packs.iter().enumerate().map(pack).collect::<Vec<_>>(),
+            "boxes": self.boxes.iter().enumerate().map(block).collect::<Vec<_>>(),
+            "links": picture.paths(&columns).map(link).collect::<Vec<_>>(),
         })
     }
 }
 
 /// A box: a node, or an output file, which has no `node`.
 fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) -> Json {
-    let below = |port: usize| place[1] + picture.drawing.port_below(index, port);
+    fn below(port: usize, place: [f64; 4], index: usize, picture_drawing: &Drawing) -> f64 {
+        place[1] + picture_drawing.port_below(index, port)
+    }
     let inputs = block.inputs.iter().enumerate();
-    let inputs = inputs.map(|(port, name)| json!({ "name": name, "y": below(port) }));
+    let inputs = inputs.map(
+        |(port, name)| json!({ "name": name, "y": below(port, place, index, picture.drawing) }),
+    );
     let outputs = block.outputs.iter().enumerate().map(
-        |(port, output)| json!({ "name": output.name, "type": output.kind, "y": below(port) }),
+        |(port, output)| json!({ "name": output.name, "type": output.kind, "y": below(port, place, index, picture.drawing) }),
     );
     let draft =
         |it: &DraftField| json!({ "field": it.field, "final": it.sides[0], "draft": it.sides[1] });

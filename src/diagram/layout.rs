@@ -88,13 +88,16 @@ pub(super) fn layout(nodes: &[Node], links: &[Link]) -> Layout {
     let mut layout = Layout::default();
     let columns = columns(nodes, links);
     layout.columns = columns.iter().max().map_or(0, |last| last + 1);
-    let slot = |(node, &column): (usize, &usize)| Slot {
-        column,
-        top: 0.0,
-        height: nodes[node].height,
-        node: Some(node),
-    };
-    layout.slots = columns.iter().enumerate().map(slot).collect();
+    layout.slots = columns
+        .iter()
+        .enumerate()
+        .map(|(node, &column)| Slot {
+            column,
+            top: 0.0,
+            height: nodes[node].height,
+            node: Some(node),
+        })
+        .collect();
     layout.run(links);
     let mut order = Order::new(&layout);
     order.sweep(&layout);
@@ -195,8 +198,7 @@ impl Layout {
         }
         let highest = self.slots.iter().map(|slot| slot.top).fold(f64::INFINITY, f64::min);
         self.slots.iter_mut().for_each(|slot| slot.top -= highest);
-        let bottom = |slot: &Slot| slot.top + slot.height;
-        self.height = self.slots.iter().map(bottom).fold(0.0, f64::max);
+        self.height = self.slots.iter().map(|slot| slot.top + slot.height).fold(0.0, f64::max);
     }
 
     /// Moves the slots of a column as near as possible to where their neighbors to the left and right want them.
@@ -209,9 +211,10 @@ impl Layout {
             for &segment in before.chain(order.behind[slot].iter().filter(|_| right)) {
                 let segment = &self.segments[segment];
                 let ends = self.ends(segment);
-                let is_passage = |slot: usize| self.slots[slot].node.is_none();
                 // A long link is straight before a short one is.
-                let share = match [segment.from, segment.to].map(is_passage) {
+                let share = match [segment.from, segment.to]
+                    .map(|slot: usize| self.slots[slot].node.is_none())
+                {
                     [true, true] => 8.0,
                     [false, false] => 1.0,
                     _ => 2.0,
@@ -318,14 +321,17 @@ impl Order {
             if segments.is_empty() {
                 return self.places[slot] as f64;
             }
-            let place = |&index: &usize| {
-                let segment = &layout.segments[index];
-                match left {
-                    true => self.at(segment.from, segment.from_below, layout),
-                    false => self.at(segment.to, segment.to_below, layout),
-                }
-            };
-            segments.iter().map(place).sum::<f64>() / segments.len() as f64
+            segments
+                .iter()
+                .map(|&index| {
+                    let segment = &layout.segments[index];
+                    match left {
+                        true => self.at(segment.from, segment.from_below, layout),
+                        false => self.at(segment.to, segment.to_below, layout),
+                    }
+                })
+                .sum::<f64>()
+                / segments.len() as f64
         };
         let mut keyed: Vec<(f64, usize)> =
             self.columns[column].iter().map(|&slot| (mean(slot), slot)).collect();
@@ -367,7 +373,9 @@ mod tests {
     use super::*;
 
     fn link(from: usize, to: usize) -> Link {
-        let end = |node, below| End { node, port: 0, below };
+        fn end(node: usize, below: f64) -> End {
+            End { node, port: 0, below }
+        }
         Link { from: end(from, 10.0), to: end(to, 20.0) }
     }
 
@@ -378,14 +386,14 @@ mod tests {
     /// A graph as random as a small generator makes it, the same every time.
     fn random(count: usize, links_each: u64) -> (Vec<Node>, Vec<Link>) {
         let mut state = 7u64;
-        let mut next = |below: u64| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 33) % below
-        };
+        fn next(below: u64, state: &mut u64) -> u64 {
+            *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (*state >> 33) % below
+        }
         let mut links = Vec::new();
         for node in 1..count {
-            for _ in 0..next(links_each + 1) {
-                links.push(link(node - 1 - next(node.min(12) as u64) as usize, node));
+            for _ in 0..next(links_each + 1, &mut state) {
+                links.push(link(node - 1 - next(node.min(12) as u64, &mut state) as usize, node));
             }
         }
         (nodes(count), links)
@@ -418,7 +426,7 @@ mod tests {
 
     #[test]
     fn a_ladder_whose_rungs_are_given_in_the_wrong_order_has_no_crossing() {
-        let links = Vec::from_iter((0..8).map(|k| link(k, 15 - k)));
+        let links: Vec<_> = (0..8).map(|k| link(k, 15 - k)).collect();
         let layout = layout(&nodes(16), &links);
         assert_eq!(Order::new(&layout).crossings(&layout), 28);
         let straight = |segment: &Segment| {

@@ -142,17 +142,18 @@ impl<'w> Outliner<'w> {
         let fields = self.whole.definition.tree.fields().unwrap_or_default();
         let nodes = self.section("nodes").into_iter().zip(entries(fields, "nodes"));
         let outputs = self.section("outputs").into_iter().zip(entries(fields, "outputs"));
-        let given = |(entry, (_, value)): (Entry, (&str, &Tree))| Given {
-            entry,
-            link: value.text().map(|text| self.target(text)),
-        };
         let mut outline = Outline {
             doc: self.whole.definition.doc.clone(),
             types,
             inputs: self.section("inputs"),
             params: self.section("params"),
             nodes: nodes.map(|(entry, (_, call))| self.node(entry, call)).collect(),
-            outputs: outputs.map(given).collect(),
+            outputs: outputs
+                .map(|(entry, (_, value)): (Entry, (&str, &Tree))| Given {
+                    entry,
+                    link: value.text().map(|text| self.target(text)),
+                })
+                .collect(),
             order: Vec::new(),
         };
         outline.order = self.order(&outline.nodes);
@@ -163,10 +164,9 @@ impl<'w> Outliner<'w> {
     fn order(&self, nodes: &[Node]) -> Vec<usize> {
         let definition = &self.whole.definition;
         let ranks = definition.order.iter().enumerate();
-        let rank = |(rank, &draft): (usize, &usize)| {
-            (named_node(&definition.drafts[draft].name.text), rank)
-        };
-        let ranks: HashMap<&str, usize> = ranks.map(rank).collect();
+        let ranks: HashMap<&str, usize> = ranks
+            .map(|(rank, &draft)| (named_node(&definition.drafts[draft].name.text), rank))
+            .collect();
         let mut order = Vec::from_iter(0..nodes.len());
         order.sort_by_key(|&node| ranks.get(&nodes[node].entry.name[..]).copied());
         order
@@ -279,7 +279,9 @@ impl<'w> Outliner<'w> {
     }
 
     fn outputs(&self, name: &str) -> Vec<Output> {
-        let unknown = |name: &str| Output { name: name.to_owned(), kind: None };
+        fn unknown(name: &str) -> Output {
+            Output { name: name.to_owned(), kind: None }
+        }
         let Some(draft) = self.drafts(name).next() else {
             let eaches = &self.whole.definition.eaches;
             let each = eaches.iter().find(|each| each.name == name);
@@ -301,10 +303,13 @@ impl<'w> Outliner<'w> {
                 names.dedup();
                 names.into_iter().map(unknown).collect()
             }
-            _ => {
-                let output = |(name, kind): (&str, _)| Output { name: name.to_owned(), kind };
-                draft.what.outputs().into_iter().zip(types()).map(output).collect()
-            }
+            _ => draft
+                .what
+                .outputs()
+                .into_iter()
+                .zip(types())
+                .map(|(name, kind): (&str, _)| Output { name: name.to_owned(), kind })
+                .collect(),
         }
     }
 }

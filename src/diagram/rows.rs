@@ -80,8 +80,10 @@ fn boxed(rows: usize, last: bool) -> Node {
 }
 
 fn rows(node: &OutlineNode) -> usize {
-    let is_port = |field: &str| node.ports.iter().any(|port| port == field);
-    let fields = node.fields.iter().filter(|(field, _)| !is_port(field));
+    fn is_port(field: &str, node_ports: &[String]) -> bool {
+        node_ports.iter().any(|port| port == field)
+    }
+    let fields = node.fields.iter().filter(|(field, _)| !is_port(field, &node.ports));
     node.outputs.len() + node.ports.len() + fields.count()
 }
 

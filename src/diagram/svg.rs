@@ -53,14 +53,18 @@ impl Drawing {
     /// The graph with places for all that is drawn of it.
     pub(super) fn placed(&self) -> Picture<'_> {
         let measures: Vec<Measure> = (0..self.boxes.len()).map(|k| self.measure(k)).collect();
-        let node = |(block, measure): (&Block, &Measure)| Node {
-            height: measure.height,
-            last: block.node.is_none(),
-        };
-        let nodes: Vec<Node> = self.boxes.iter().zip(&measures).map(node).collect();
+        let nodes: Vec<Node> = self
+            .boxes
+            .iter()
+            .zip(&measures)
+            .map(|(block, measure): (&Block, &Measure)| Node {
+                height: measure.height,
+                last: block.node.is_none(),
+            })
+            .collect();
         let end = |[node, port]: [usize; 2]| End { node, port, below: self.port_below(node, port) };
-        let link = |wire: &super::Wire| Link { from: end(wire.from), to: end(wire.to) };
-        let links: Vec<Link> = self.wires.iter().map(link).collect();
+        let links: Vec<Link> =
+            self.wires.iter().map(|wire| Link { from: end(wire.from), to: end(wire.to) }).collect();
         Picture { drawing: self, layout: layout(&nodes, &links), measures }
     }
 
@@ -71,13 +75,16 @@ impl Drawing {
             return Measure { width, height: FILE_HEIGHT, label: 0.0 };
         };
         let rows = block.inputs.len().max(block.outputs.len());
-        let row = |row: usize| {
-            let input = block.inputs.get(row).map_or(0.0, |name| text_width(name, SMALL));
-            let output = block.outputs.get(row).map_or(0.0, |port| text_width(&port.name, SMALL));
-            input + output + PADDING
-        };
         let header = text_width(&block.name, NAME).max(text_width(&node.kind, SMALL));
-        let width = (0..rows).map(row).fold(header, f64::max) + 2.0 * PADDING;
+        let width = (0..rows)
+            .map(|row: usize| {
+                let input = block.inputs.get(row).map_or(0.0, |name| text_width(name, SMALL));
+                let output =
+                    block.outputs.get(row).map_or(0.0, |port| text_width(&port.name, SMALL));
+                input + output + PADDING
+            })
+            .fold(header, f64::max)
+            + 2.0 * PADDING;
         let linked = (0..block.outputs.len()).filter(|&output| self.is_linked([index, output]));
         let label = linked.map(|output| label_width(&block.outputs[output].kind));
         Measure {
@@ -98,8 +105,8 @@ impl Drawing {
 
 /// A text's width in a font of this size. Letters beyond Latin, Greek and Cyrillic may be as wide as high.
 fn text_width(text: &str, size: f64) -> f64 {
-    let letter = |letter: char| if letter < '\u{1100}' { ADVANCE } else { 1.05 };
-    text.chars().map(letter).sum::<f64>() * size
+    text.chars().map(|letter: char| if letter < '\u{1100}' { ADVANCE } else { 1.05 }).sum::<f64>()
+        * size
 }
 
 /// The width of a type on a link.
@@ -149,12 +156,14 @@ impl Picture<'_> {
             widths[slot.column] = widths[slot.column].max(measure.width + measure.label);
         }
         let mut left = MARGIN;
-        let column = |width| {
-            let column = [left, left + width];
-            left += width + GUTTER;
-            column
-        };
-        widths.into_iter().map(column).collect()
+        widths
+            .into_iter()
+            .map(|width| {
+                let column = [left, left + width];
+                left += width + GUTTER;
+                column
+            })
+            .collect()
     }
 
     /// The links, each by the box that it comes from and its path: curves between columns, straight through passages and to the right

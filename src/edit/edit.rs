@@ -153,8 +153,7 @@ pub fn edit(
         return judge.edited(text, edits);
     }
     // Names and values that are replaced leave commas alone.
-    let is_put = |edit: &Edit| matches!(edit, Edit::Rename { .. } | Edit::Set { .. });
-    if edits.iter().all(is_put)
+    if edits.iter().all(|edit| matches!(edit, Edit::Rename { .. } | Edit::Set { .. }))
         && let Ok(edited) = judge.edited(text, edits)
         && commas(&edited.text) == commas(text)
     {
@@ -194,11 +193,15 @@ pub fn edited(
     catalog: &Catalog,
     options: &Options,
 ) -> Result<Edited, Vec<Problem>> {
-    let set_one = |(target, value): &(String, String)| Edit::Set {
-        target: target.clone(),
-        value: value.clone(),
-    };
-    edit(path, text, &Vec::from_iter(set.iter().map(set_one)), catalog, options)
+    edit(
+        path,
+        text,
+        &set.iter()
+            .map(|(target, value)| Edit::Set { target: target.clone(), value: value.clone() })
+            .collect::<Vec<_>>(),
+        catalog,
+        options,
+    )
 }
 
 /// A text with another name of a node, an input or a parameter in it; none if there is no such thing. What comes of it is not judged.
@@ -279,18 +282,15 @@ impl Judge<'_> {
         let before = text.to_owned();
         let mut edited = Edited { text: before.clone(), before, changes: Vec::new() };
         for edit in edits {
-            let values = Vec::from_iter(values.by_ref().take(edit.values().len()));
-            let refused = |refusals: Vec<Refusal>| {
-                let problem = |refusal| self.refused(&edited.text, refusal);
-                Vec::from_iter(refusals.into_iter().map(problem))
-            };
+            let values: Vec<_> = values.by_ref().take(edit.values().len()).collect();
             if let Edit::Set { target, value: given } = edit {
-                let with_target = |refusal: Refusal| {
-                    let message = format!("{target}={given}: {}", refusal.message);
-                    vec![self.refused(&edited.text, Refusal { message, ..refusal })]
-                };
-                let (mut target, mut value) =
-                    (self.written(&edited.text, target).map_err(with_target)?, values.concat());
+                let (mut target, mut value) = (
+                    self.written(&edited.text, target).map_err(|refusal: Refusal| {
+                        let message = format!("{target}={given}: {}", refusal.message);
+                        vec![self.refused(&edited.text, Refusal { message, ..refusal })]
+                    })?,
+                    values.concat(),
+                );
                 let (graph, tree) = (parse(&edited.text).0, parse(&value).0);
                 if let Some((now, put)) = renewed_target(&graph, &target, &tree, self.catalog) {
                     (target, value) = (now, renewed_text(&tree, &put.value, &value));
@@ -308,13 +308,20 @@ impl Judge<'_> {
                 // What was no `Draft` has become one.
                 let draft = before.as_ref().filter(|_| self.options.draft);
                 let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
-                let is_put = |after: &String| splices.iter().any(|(_, text)| text.contains(after));
-                let after = draft.filter(is_put).unwrap_or(value);
+                let after = draft
+                    .filter(|after| splices.iter().any(|(_, text)| text.contains(after)))
+                    .unwrap_or(value);
                 edited.text = apply(&text, splices);
                 edited.changes.push(Put { target, before, after });
             } else {
                 let structure = Structure::read(self, &edited.text)?;
-                edited.text = structure.edited(edit, &values).map_err(refused)?;
+                edited.text =
+                    structure.edited(edit, &values).map_err(|refusals: Vec<Refusal>| {
+                        refusals
+                            .into_iter()
+                            .map(|refusal| self.refused(&edited.text, refusal))
+                            .collect::<Vec<_>>()
+                    })?;
             }
         }
         Ok(edited)
@@ -392,8 +399,8 @@ fn list_of_texts(value: &str) -> Option<String> {
     let items = items.strip_suffix(',').unwrap_or(items).split(',').map(str::trim);
     let written = |item: &str| {
         let word = item.strip_prefix('"').and_then(|item| item.strip_suffix('"')).unwrap_or(item);
-        let is_bare = |c: char| c.is_alphanumeric() || "_-.".contains(c);
-        (!word.is_empty() && word.chars().all(is_bare)).then(|| quoted(word))
+        (!word.is_empty() && word.chars().all(|c: char| c.is_alphanumeric() || "_-.".contains(c)))
+            .then(|| quoted(word))
     };
     Some(format!("[{}]", items.map(written).collect::<Option<Vec<_>>>()?.join(", ")))
 }

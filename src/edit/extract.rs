@@ -153,8 +153,9 @@ fn between(known: &Known, set: &BTreeSet<usize>) -> Result<(), Refusal> {
     let needs = Needs::new(nodes.len(), links.iter().copied());
     let back = Needs::new(nodes.len(), links.iter().map(|&(user, source)| (source, user)));
     let (below, above) = (needs.of(set.iter().copied()), back.of(set.iter().copied()));
-    let is_between = |at: &usize| !set.contains(at) && below[*at] && above[*at];
-    let Some(at) = (0..nodes.len()).find(is_between) else { return Ok(()) };
+    let Some(at) = (0..nodes.len()).find(|at| !set.contains(at) && below[*at] && above[*at]) else {
+        return Ok(());
+    };
     let name = |at: usize| nodes[at].0.text().unwrap_or_default();
     let found = |needs: &Needs| {
         let reached = needs.of([at]);
@@ -189,44 +190,56 @@ impl Work<'_> {
             let link = quoted(&format!("{}.{}", new.name, output.name));
             splices.extend(output.spans.iter().map(|span| (*span, link.clone())));
         }
-        let link = |it: &Crossing| format!("{}: {}", field_of(&it.name), quoted(&it.link));
-        let links = border.inputs.iter().map(link);
+        let links =
+            border.inputs.iter().map(|it| format!("{}: {}", field_of(&it.name), quoted(&it.link)));
         let all = Vec::from_iter(known.names("params"));
         let names = parameters.iter().map(|&at| all[at]);
         let params = names.map(|name| format!("{}: Param({})", field_of(name), quoted(name)));
-        let fields = Vec::from_iter(links.chain(params)).join(", ");
+        let fields = links.chain(params).collect::<Vec<_>>().join(", ");
         let entry = format!("{}: {}({fields})", quoted(&new.name), new.kind);
-        let write = |indent: &str| {
+        let taken = moved(text, nodes, set, &inner, |indent| {
             let columns = indent.chars().count();
             let newline = newline(text, nodes.span.end - 1);
             reindented(&entry_form(&entry, columns), columns, indent, newline)
-        };
-        let taken = moved(text, nodes, set, &inner, write);
+        });
         splices.extend(taken.splices);
         let mut file = String::from("Graph(\n    format: 1,\n");
         let of = self.judge.path.file_name().unwrap_or_default().to_string_lossy();
         file += &format!("    doc: {},\n", quoted(&format!("A part of {of}.")));
-        let mut section = |name: &str, inside: &str| {
-            file += &format!("    {name}: {{\n{inside}    }},\n");
-        };
+        fn section(name: &str, inside: &str, file: &mut String) {
+            *file += &format!("    {name}: {{\n{inside}    }},\n");
+        }
         let packs = self.packs();
         if !packs.is_empty() {
-            section("packs", &packs);
+            section("packs", &packs, &mut file);
         }
         let (uses, of_uses) = self.uses();
         splices.extend(of_uses);
         if !uses.is_empty() {
-            section("use", &uses);
+            section("use", &uses, &mut file);
         }
         let lines =
             |entries: &[String]| String::from_iter(entries.iter().map(|it| format!("{it},\n")));
-        section("inputs", &lines(&Vec::from_iter(border.inputs.iter().map(|it| self.input(it)))));
+        section(
+            "inputs",
+            &lines(&border.inputs.iter().map(|it| self.input(it)).collect::<Vec<_>>()),
+            &mut file,
+        );
         if !parameters.is_empty() {
-            section("params", &lines(&self.declared(&parameters)));
+            section("params", &lines(&self.declared(&parameters)), &mut file);
         }
-        section("nodes", &taken.text);
-        let output = |it: &Crossing| format!("{}: {}", quoted(&it.name), quoted(&it.link));
-        section("outputs", &lines(&Vec::from_iter(border.outputs.iter().map(output))));
+        section("nodes", &taken.text, &mut file);
+        section(
+            "outputs",
+            &lines(
+                &border
+                    .outputs
+                    .iter()
+                    .map(|it| format!("{}: {}", quoted(&it.name), quoted(&it.link)))
+                    .collect::<Vec<_>>(),
+            ),
+            &mut file,
+        );
         Ok((apply(text, splices), file + ")\n"))
     }
 
@@ -270,18 +283,18 @@ impl Work<'_> {
         let Self { known, set, new, .. } = self;
         let text = &known.text;
         let entry = format!("{}: {}", quoted(&new.kind), quoted(&new.given));
-        let kinds = |inside: bool| {
+        fn kinds(inside: bool, set: &BTreeSet<usize>, known: &Known) -> BTreeSet<String> {
             let nodes = known.entries("nodes").iter().enumerate();
             let nodes = nodes.filter(move |(at, _)| set.contains(at) == inside);
             BTreeSet::from_iter(nodes.filter_map(|(_, (_, call))| Some(kind_of(call)?.text)))
-        };
-        let (own, others) = (kinds(true), kinds(false));
+        }
+        let (own, others) = (kinds(true, set, *known), kinds(false, set, *known));
         let uses = known.entries("use");
-        let is_needed = |by: &BTreeSet<String>, at: usize| {
+        fn is_needed(by: &BTreeSet<String>, at: usize, uses: &[(Tree, Tree)]) -> bool {
             uses[at].0.text().is_some_and(|name| by.contains(name))
-        };
-        let needed = BTreeSet::from_iter((0..uses.len()).filter(|&at| is_needed(&own, at)));
-        let gone = needed.iter().copied().filter(|&at| !is_needed(&others, at)).collect();
+        }
+        let needed = BTreeSet::from_iter((0..uses.len()).filter(|&at| is_needed(&own, at, uses)));
+        let gone = needed.iter().copied().filter(|&at| !is_needed(&others, at, uses)).collect();
         let paths = needed.iter().filter_map(|&at| path_of_use(&uses[at].1)).map(|it| it.span);
         let paths = self.paths(paths);
         let Some(map) = known.section("use") else {
@@ -301,7 +314,9 @@ impl Work<'_> {
     /// The edits that give the graph its first entry of `use`: behind what stands at its head.
     fn first_use(&self, entry: &str) -> Vec<Splice> {
         let (text, tree) = (&self.known.text, self.known.tree());
-        let of_head = |name: &str| matches!(name, "format" | "version" | "doc" | "packs");
+        fn of_head(name: &str) -> bool {
+            matches!(name, "format" | "version" | "doc" | "packs")
+        }
         let fields = tree.fields().unwrap_or_default();
         let Some(head) = fields.iter().rposition(|field| of_head(&field.name.text)) else {
             return added(text, tree, "use", &format!("{{ {entry} }}"));
@@ -330,8 +345,7 @@ impl Work<'_> {
         let known = self.known;
         let paths = self.paths(known.files());
         let entries = known.entries("params");
-        let entry = |&at: &usize| part_with(&known.text, whole(&entries[at]), &paths);
-        parameters.iter().map(entry).collect()
+        parameters.iter().map(|&at| part_with(&known.text, whole(&entries[at]), &paths)).collect()
     }
 }
 

@@ -195,8 +195,10 @@ impl<'t> Group<'t> {
 
     fn is_long_map(&self) -> bool {
         let count = self.entries.len();
-        let has_calls = || self.entries.iter().any(|entry| entry.last_group().is_some());
-        self.open == "{" && (count > MOST_IN_LINE || (count > 1 && has_calls()))
+        fn has_calls(entries: &[Entry<'_>]) -> bool {
+            entries.iter().any(|entry| entry.last_group().is_some())
+        }
+        self.open == "{" && (count > MOST_IN_LINE || (count > 1 && has_calls(&self.entries)))
     }
 
     fn is_matrix(&self) -> bool {

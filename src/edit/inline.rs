@@ -114,8 +114,9 @@ fn ready(known: &Known, at: usize, graph: &Definition) -> Vec<Edit> {
     let is_left_out =
         |name: &str| fields.iter().all(|it| name_of(&it.name.text) != name || is_none(it));
     let absent = drafts.iter().map(|draft| &draft.name.text).filter(|name| is_left_out(name));
-    let remove = |name| Edit::Remove { name: format!("inputs.{name}"), and_links: true };
-    let mut edits = Vec::from_iter(absent.map(remove));
+    let mut edits: Vec<_> = absent
+        .map(|name| Edit::Remove { name: format!("inputs.{name}"), and_links: true })
+        .collect();
     let map = field(&graph.tree, "nodes").map(|nodes| &nodes.value.kind);
     let inner = match map {
         Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
@@ -128,8 +129,11 @@ fn ready(known: &Known, at: usize, graph: &Definition) -> Vec<Edit> {
     let mut taken = BTreeSet::from_iter(inner.iter().copied().chain(inputs).map(str::to_owned));
     taken.extend(others.iter().map(|&other| other.to_owned()));
     for node in inner.into_iter().filter(|node| others.contains(node)) {
-        let number = |name: &str, nth| format!("{name}-{nth}");
-        let to = free_name([format!("{name}-{node}")], number, |name| !taken.contains(name));
+        let to = free_name(
+            [format!("{name}-{node}")],
+            |name, nth| format!("{name}-{nth}"),
+            |name| !taken.contains(name),
+        );
         taken.insert(to.clone());
         edits.push(Edit::Rename { from: format!("nodes.{node}"), to });
     }
@@ -195,14 +199,16 @@ struct Work<'a> {
 impl<'a> Work<'a> {
     fn of(known: &'a Known, at: usize, inner: &'a Known, path: &'a Path, file: &Path) -> Self {
         let fields = known.entries("nodes")[at].1.fields().unwrap_or_default();
-        let link = |field: &'a Field| {
-            let value = field.value.call_of("Some").unwrap_or(&field.value);
-            let name = name_of(&field.name.text);
-            inner.position("inputs", &name)?;
-            Some((name, value.text()?))
-        };
         let folders = [folder_of_new(file), folder_of_new(path)];
-        let links = fields.iter().filter_map(link).collect();
+        let links = fields
+            .iter()
+            .filter_map(|field| {
+                let value = field.value.call_of("Some").unwrap_or(&field.value);
+                let name = name_of(&field.name.text);
+                inner.position("inputs", &name)?;
+                Some((name, value.text()?))
+            })
+            .collect();
         let mut work = Self { known, at, inner, path, folders, links, kinds: BTreeMap::new() };
         work.kinds = work.kinds();
         work
@@ -290,8 +296,10 @@ impl<'a> Work<'a> {
             let name = key.text()?;
             let unit = field(declaration, "unit").and_then(|unit| unit.value.text());
             let given = fields.iter().find(|field| name_of(&field.name.text) == name);
-            let call = |word: &str| given?.value.call_of(word)?.text().map(str::to_owned);
-            let value = match (call("Param"), call("Expr"), given) {
+            fn call(word: &str, given: Option<&Field>) -> Option<String> {
+                given?.value.call_of(word)?.text().map(str::to_owned)
+            }
+            let value = match (call("Param", given), call("Expr", given), given) {
                 (Some(name), ..) => Given::Parameter(name),
                 (_, Some(text), _) => Given::Expression(text),
                 (.., given) => {
@@ -340,13 +348,12 @@ impl<'a> Work<'a> {
             Kind::List(items) => items,
             _ => return Vec::new(),
         };
-        let value = |text: &Tree| {
+        let names = Expectation::value_texts(list).into_iter().filter_map(|text| {
             let name = text.text()?;
             let is_output = inner.position("outputs", name).is_some();
             let new = if is_output { self.output(&format!(".{name}")) } else { self.link(name) };
             Some((text.span, quoted(&new)))
-        };
-        let names = Expectation::value_texts(list).into_iter().filter_map(value);
+        });
         let names = Vec::from_iter(names);
         let items = items.iter().map(|item| part_with(&inner.text, item.span, &names));
         let items = Vec::from_iter(items);
@@ -373,17 +380,17 @@ impl<'a> Work<'a> {
         let mut kinds = BTreeMap::new();
         for (key, value) in inner.entries("use") {
             let Some(name) = key.text() else { continue };
-            let own = |(_, other): &&(Tree, Tree)| self.is_same(other, value);
             let mut uses = known.entries("use").iter();
             let same_name = uses.clone().find(|(key, _)| key.text() == Some(name));
-            let new = match (same_name, uses.find(own)) {
+            let new = match (same_name, uses.find(|(_, other)| self.is_same(other, value))) {
                 (None, None) => continue,
                 (Some(same), _) if self.is_same(&same.1, value) => continue,
                 (_, Some((key, _))) => key.text().unwrap_or_default().to_owned(),
-                (Some(_), None) => {
-                    let number = |name: &str, nth| format!("{name}{nth}");
-                    free_name([name.to_owned()], number, |name| !taken.contains(name))
-                }
+                (Some(_), None) => free_name(
+                    [name.to_owned()],
+                    |name, nth| format!("{name}{nth}"),
+                    |name| !taken.contains(name),
+                ),
             };
             taken.insert(new.clone());
             kinds.insert(name.to_owned(), new);
@@ -394,10 +401,12 @@ impl<'a> Work<'a> {
     /// Whether an entry of the graph's `use` says the same as one of the used graph's.
     fn is_same(&self, own: &Tree, inner: &Tree) -> bool {
         let [from, to] = &self.folders;
-        let version = |value: &Tree| {
+        fn version(value: &Tree) -> Option<String> {
             field(value, "version").and_then(|it| it.value.text().map(str::to_owned))
-        };
-        let path = |value: &Tree| path_of_use(value).and_then(Tree::text).map(str::to_owned);
+        }
+        fn path(value: &Tree) -> Option<String> {
+            path_of_use(value).and_then(Tree::text).map(str::to_owned)
+        }
         let there = path(inner).map(|path| without_dots(&from.join(path)));
         let here = path(own).map(|path| without_dots(&to.join(path)));
         here == there && version(own) == version(inner)

@@ -50,13 +50,15 @@ impl Judge<'_> {
         let definition = whole?.definition;
         let text = &definition.sheet.source.text;
         let (node, path) = target.split_once('.')?;
-        let is_it = |what: &What| matches!(what, What::Node(_) | What::Use(..));
+        fn is_it(what: &What) -> bool {
+            matches!(what, What::Node(_) | What::Use(..))
+        }
         let mut drafts = definition.drafts.iter().filter(|draft| is_it(&draft.what));
         let what = &drafts.find(|draft| named_node(&draft.name.text) == node)?.what;
         let root = what.schema()?;
         let (_, call) =
             entries(definition.tree.fields()?, "nodes").find(|(name, _)| *name == node)?;
-        let steps = Vec::from_iter(path.split('.'));
+        let steps: Vec<_> = path.split('.').collect();
         let (name, way) = steps.split_last()?;
         let (group, way) = match (call.name()?.text == "ForEach", way) {
             (false, way) => (call, way),
@@ -113,7 +115,9 @@ fn schema_at(tree: &Tree, schema: &Json, root: &Json, way: &[&str]) -> Option<Js
 fn fields_at(tree: &Tree, schema: &Json, root: &Json, way: &[&str]) -> Option<Json> {
     let Some((step, rest)) = way.split_first() else { return Some(schema.clone()) };
     let Ok(Found::Value(within)) = find(tree, &[step], Some(false)) else { return None };
-    let fixed = || schema["prefixItems"].get(step.parse::<usize>().ok()?);
-    let next = schema["properties"].get(step).or_else(fixed).or_else(|| schema.get("items"))?;
+    let next = schema["properties"]
+        .get(step)
+        .or_else(|| schema["prefixItems"].get(step.parse::<usize>().ok()?))
+        .or_else(|| schema.get("items"))?;
     schema_at(within, next, root, rest)
 }

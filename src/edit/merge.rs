@@ -61,11 +61,10 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
         true => Ends::of(texts[2]),
         false => Ends::of(texts[1]),
     };
-    let own = |text: &str| match ends {
+    let texts = texts.map(|text| match ends {
         Some(_) => Ends::of(text).unwrap_or(Ends::Windows).plain(text),
         None => text.to_owned(),
-    };
-    let texts = texts.map(own);
+    });
     let texts = texts.each_ref().map(|text| &text[..]);
     let behind = texts.map(commas_behind);
     let behind = behind.each_ref().map(|text| &text[..]);
@@ -105,13 +104,13 @@ fn taken_names(
     by_us: &[Renamed],
     by_them: &[Renamed],
 ) -> BTreeSet<String> {
-    let has = |text: &str, section: &str, name: &str| {
+    fn has(text: &str, section: &str, name: &str) -> bool {
         let (tree, _) = parse(text);
         let fields = tree.fields().unwrap_or_default();
         // Nodes and inputs share their names.
         let sections: &[_] = if section == "params" { &["params"] } else { &["nodes", "inputs"] };
         sections.iter().any(|section| entries(fields, section).any(|(known, _)| known == name))
-    };
+    }
     let mut taken = BTreeSet::new();
     for (renamed, others, other) in [(by_us, by_them, theirs), (by_them, by_us, ours)] {
         for it @ (section, _, new) in renamed {
@@ -175,12 +174,16 @@ impl Named<'_> {
         let known = BTreeSet::from_iter(comments(texts[0]));
         let mut merger = Merger { renamed_twice, kept_apart, known, conflicts: Vec::new() };
         let whole = merger.whole(before, left, right);
-        let outside = |part: fn(&str, &Tree) -> String| {
+        fn outside(
+            part: fn(&str, &Tree) -> String,
+            texts: &[&str; 3],
+            trees: &[Tree; 3],
+        ) -> String {
             let [base, ours, theirs] = [0, 1, 2].map(|k| part(texts[k], &trees[k]));
             around(&base, &ours, &theirs)
-        };
-        let above = outside(|text, tree| text[..tree.span.start].to_owned());
-        let below = outside(|text, tree| text[tree.span.end..].to_owned());
+        }
+        let above = outside(|text, tree| text[..tree.span.start].to_owned(), &texts, &trees);
+        let below = outside(|text, tree| text[tree.span.end..].to_owned(), &texts, &trees);
         let mut conflicts = merger.conflicts;
         conflicts.dedup();
         (format!("{above}{whole}{below}"), conflicts)
@@ -225,19 +228,24 @@ impl Named<'_> {
 
     /// What has another name in the new text.
     fn renamed(self, old: &str, new: &str) -> Result<Vec<Renamed>, Vec<Problem>> {
-        let source = |text: &str| Source { name: self.path.to_owned(), text: text.to_owned() };
-        let found = Graph::differences(&source(old), &source(new), self.catalog)?;
-        let renamed = |found: Difference| {
-            let section = match found.what {
-                "node" => "nodes",
-                "input" => "inputs",
-                "parameter" => "params",
-                _ => return None,
-            };
-            let is_renamed = found.change == Change::Renamed;
-            is_renamed.then_some((section, found.before?, found.after?))
-        };
-        Ok(found.into_iter().filter_map(renamed).collect())
+        fn source(text: &str, path: &Path) -> Source {
+            Source { name: path.to_owned(), text: text.to_owned() }
+        }
+        let found =
+            Graph::differences(&source(old, self.path), &source(new, self.path), self.catalog)?;
+        Ok(found
+            .into_iter()
+            .filter_map(|found: Difference| {
+                let section = match found.what {
+                    "node" => "nodes",
+                    "input" => "inputs",
+                    "parameter" => "params",
+                    _ => return None,
+                };
+                let is_renamed = found.change == Change::Renamed;
+                is_renamed.then_some((section, found.before?, found.after?))
+            })
+            .collect())
     }
 
     /// The text with another name of something in it; as it is if it has no such thing, or has the new name already.
@@ -257,7 +265,7 @@ impl Named<'_> {
         let problems = |text: &str| {
             Graph::load_text(self.path, text.to_owned(), self.catalog, &options).problems
         };
-        let known = Vec::from_iter(others.into_iter().flat_map(problems));
+        let known: Vec<_> = others.into_iter().flat_map(problems).collect();
         let mut found = problems(text);
         found.retain(|problem| {
             let is_known =

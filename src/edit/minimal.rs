@@ -40,8 +40,16 @@ pub fn minimal(
     if short == form {
         return Ok(form);
     }
-    let load = |text: &str| load_text(path, text.to_owned(), catalog, &options);
-    let (before, after) = (load(&form), load(&short));
+    fn load(
+        text: &str,
+        options: &Options,
+        path: &Path,
+        catalog: &Catalog,
+    ) -> maquette_graph::Checked {
+        load_text(path, text.to_owned(), catalog, options)
+    }
+    let (before, after) =
+        (load(&form, &options, path, catalog), load(&short, &options, path, catalog));
     let is_same = match (&before.graph, &after.graph) {
         (Some(before), Some(after)) => before.has_the_same_parts(after),
         (None, None) => before.problems.len() == after.problems.len(),
@@ -164,24 +172,25 @@ impl Search<'_> {
     fn each(&mut self, tree: &Tree, schema: &Json) {
         let fields = tree.fields().unwrap_or_default();
         let expected = Expected::of_node("", schema);
-        let group = |name: &str| {
+        fn group(name: &str, fields: &[Field], schema: &Json) -> Option<Tree> {
             let field = fields.iter().find(|field| field.name.text == name);
             field.map(|field| in_plain_numbers(&field.value, schema))
-        };
+        }
         self.empty(fields, &["with", "links", "carry"]);
         fields.iter().filter(|field| is_usual_most(field)).for_each(|field| self.cut(field));
-        let with = group("with");
+        let with = group("with", fields, schema);
         let with = with.as_ref().and_then(Tree::fields).unwrap_or_default();
         self.fields(with, &expected, |_| false);
         // An element says a default where all others have something else.
-        let others = Vec::from_iter(with.iter().filter(|it| !self.is_default(it, &expected)));
-        let is_kept = |field: &Field| others.iter().any(|it| it.name.text == field.name.text);
+        let others: Vec<_> = with.iter().filter(|it| !self.is_default(it, &expected)).collect();
         if let Some(Kind::List(elements)) =
             fields.iter().find(|field| field.name.text == "over").map(|field| &field.value.kind)
         {
             for element in elements {
                 let element = in_plain_numbers(element, schema);
-                self.fields(element.fields().unwrap_or_default(), &expected, is_kept);
+                self.fields(element.fields().unwrap_or_default(), &expected, |field| {
+                    others.iter().any(|it| it.name.text == field.name.text)
+                });
             }
         }
     }
@@ -227,7 +236,7 @@ fn comments(text: &str) -> Vec<&str> {
     let comments = tokens(text)
         .into_iter()
         .filter(|(token, _)| matches!(token, Token::LineComment | Token::BlockComment));
-    let mut comments = Vec::from_iter(comments.map(|(_, at)| text[at.start..at.end].trim_end()));
+    let mut comments: Vec<_> = comments.map(|(_, at)| text[at.start..at.end].trim_end()).collect();
     comments.sort_unstable();
     comments
 }

@@ -5,11 +5,8 @@ mod known;
 mod same;
 mod values;
 
-use std::sync::Arc;
-
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
-use maquette_graph::definition::Whole;
 use maquette_graph::load::load_whole;
 use maquette_graph::tree::is_patch;
 use maquette_graph::world::World;
@@ -28,12 +25,16 @@ impl Judge<'_> {
     /// Everything that is wrong with it.
     pub(super) fn sound(&self, text: &str) -> Result<(Known, Sides), Vec<Problem>> {
         let options = Options { files: Files::Inside, draft: false, ..self.options.clone() };
-        let known = |world: &mut World<'_>, whole: &Arc<Whole>| {
-            let is_patched = whole.definition.is_patched();
-            (!is_patched).then(|| Known::of(world, whole.clone()))
-        };
-        let (checked, known) =
-            load_whole(self.path, text.to_owned(), self.catalog, &options, known);
+        let (checked, known) = load_whole(
+            self.path,
+            text.to_owned(),
+            self.catalog,
+            &options,
+            |world: &mut World<'_>, whole| {
+                let is_patched = whole.definition.is_patched();
+                (!is_patched).then(|| Known::of(world, whole.clone()))
+            },
+        );
         let sides = self.sides(text, &checked).ok();
         known.flatten().zip(sides).ok_or_else(|| self.unsound(text))
     }

@@ -183,9 +183,11 @@ impl Known {
             uses.extend(inner.map(|inner| (name.to_owned(), inner.clone())));
             repeated.extend(is_each(call).then(|| name.to_owned()));
         }
-        let names = |section| entries(fields, section).map(|(name, _)| name.to_owned()).collect();
+        fn names(section: &str, fields: &[Field]) -> Vec<String> {
+            entries(fields, section).map(|(name, _)| name.to_owned()).collect()
+        }
         let own = Inner::of(definition);
-        let (nodes, outputs) = (names("nodes"), names("outputs"));
+        let (nodes, outputs) = (names("nodes", fields), names("outputs", fields));
         Some((Self { own, nodes, outputs, types, uses, repeated }, whole))
     }
 
@@ -202,7 +204,8 @@ impl Known {
     /// What a link names: a node, and an output of the graph that it uses.
     fn link(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let node = named_node(text);
-        let mut found = Vec::from_iter(self.node(node).map(|symbol| (0..node.len(), symbol)));
+        let mut found: Vec<_> =
+            self.node(node).map(|symbol| (0..node.len(), symbol)).into_iter().collect();
         if let (Some(inner), Some(dot)) = (self.uses.get(node), text.find('.')) {
             let name = text[dot + 1..].to_owned();
             let symbol = Symbol { file: inner.file.clone(), sort: SymbolSort::Output, name };
@@ -224,7 +227,8 @@ impl Known {
     /// What `node.field` names.
     fn way(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let node = named_node(text);
-        let mut found = Vec::from_iter(self.node(node).map(|symbol| (0..node.len(), symbol)));
+        let mut found: Vec<_> =
+            self.node(node).map(|symbol| (0..node.len(), symbol)).into_iter().collect();
         if let Some((way, inner)) = self.behind(text).zip(self.uses.get(node)) {
             let (start, field) = (text.len() - way.len(), way.split('.').next().unwrap_or(way));
             found.extend(inner.field(field).map(|symbol| (start..start + field.len(), symbol)));
@@ -323,8 +327,12 @@ impl Search<'_> {
     fn fields(&mut self, call: &Tree, inner: &Inner) {
         for Field { name, .. } in call.fields().unwrap_or_default() {
             let symbol = inner.field(&name.text);
-            let named = |symbol| Named { span: name.span, symbol, declares: false, is_field: true };
-            self.found.extend(symbol.map(named));
+            self.found.extend(symbol.map(|symbol| Named {
+                span: name.span,
+                symbol,
+                declares: false,
+                is_field: true,
+            }));
         }
     }
 
@@ -369,11 +377,13 @@ impl Search<'_> {
                 Names::Expression => {
                     let places = named_parameters(text, &|name| params.contains(name));
                     let places = places.unwrap_or_default();
-                    let named = |place: Range<usize>| {
-                        let symbol = known.symbol(Parameter, &text[place.clone()]);
-                        (place, symbol)
-                    };
-                    places.into_iter().map(named).collect()
+                    places
+                        .into_iter()
+                        .map(|place: Range<usize>| {
+                            let symbol = known.symbol(Parameter, &text[place.clone()]);
+                            (place, symbol)
+                        })
+                        .collect()
                 }
             };
             self.put_at(*span, text, named, false);
@@ -403,7 +413,11 @@ impl Search<'_> {
                     items.iter().for_each(|item| self.fields(item, inner));
                 }
                 ("each" | "number", _) => self.put(value, |says| {
-                    Vec::from_iter(inner.field(says).map(|symbol| (0..says.len(), symbol)))
+                    inner
+                        .field(says)
+                        .map(|symbol| (0..says.len(), symbol))
+                        .into_iter()
+                        .collect::<Vec<_>>()
                 }),
                 _ => {}
             }
@@ -462,7 +476,11 @@ impl Search<'_> {
                     match &name.text[..] {
                         "set" => self.put(value, |says| known.value(says)),
                         "input" => self.put(value, |says| {
-                            Vec::from_iter(known.node(says).map(|it| (0..says.len(), it)))
+                            known
+                                .node(says)
+                                .map(|it| (0..says.len(), it))
+                                .into_iter()
+                                .collect::<Vec<_>>()
                         }),
                         "beside" => {
                             entries_of(value).for_each(|(key, _)| {
@@ -484,7 +502,11 @@ impl Search<'_> {
                     match &field.name.text[..] {
                         "set" => self.put(key, |says| known.value(says)),
                         "inputs" => self.put(key, |says| {
-                            Vec::from_iter(known.node(says).map(|symbol| (0..says.len(), symbol)))
+                            known
+                                .node(says)
+                                .map(|symbol| (0..says.len(), symbol))
+                                .into_iter()
+                                .collect::<Vec<_>>()
                         }),
                         _ => {}
                     }

@@ -28,8 +28,8 @@ impl Judge<'_> {
         let Some(patched) = patched else { return put(target, value) };
         let (tree, _) = parse(&patched);
         let in_graph = || {
-            let nowhere = |refusal| Refusal { span: Span::default(), ..refusal };
-            place(&patched, target, value, false, draft).map_err(nowhere)
+            place(&patched, target, value, false, draft)
+                .map_err(|refusal| Refusal { span: Span::default(), ..refusal })
         };
         let Some(part) = Part::of(&tree, target) else {
             // What is not there has no items.
@@ -57,10 +57,8 @@ impl Judge<'_> {
         let (tree, _) = parse(text);
         let patched = (is_patch(&tree) && target.contains('/')).then(|| self.patched(text));
         match patched.flatten() {
-            Some(patched) => {
-                let nowhere = |refusal| Refusal { span: Span::default(), ..refusal };
-                written(&parse(&patched).0, target, self.options.draft).map_err(nowhere)
-            }
+            Some(patched) => written(&parse(&patched).0, target, self.options.draft)
+                .map_err(|refusal| Refusal { span: Span::default(), ..refusal }),
             None => written(&tree, target, self.options.draft),
         }
     }
@@ -87,7 +85,7 @@ struct Part<'t> {
 impl<'t> Part<'t> {
     fn of(graph: &'t Tree, target: &str) -> Option<Self> {
         let (section, name, path) = match target.split_once('.') {
-            Some((node, path)) => ("nodes", node, Vec::from_iter(path.split('.'))),
+            Some((node, path)) => ("nodes", node, path.split('.').collect::<Vec<_>>()),
             None => ("params", target, vec!["default"]),
         };
         let Kind::Map(entries) = &field(graph, section)?.value.kind else { return None };

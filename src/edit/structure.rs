@@ -138,7 +138,7 @@ impl<'j> Structure<'j> {
     fn node(&self, name: &str) -> Result<&Tree, Refusal> {
         call_of(&self.tree, name).ok_or_else(|| {
             let nodes = entries(self.tree.fields().unwrap_or_default(), "nodes");
-            let known = Vec::from_iter(nodes.map(|(name, _)| name));
+            let known: Vec<_> = nodes.map(|(name, _)| name).collect();
             let message = format!("the graph has no node `{name}`");
             let help = nearest_or_all(name, "its nodes", &known);
             refusal(code::UNKNOWN_LINK, Span::default(), message, help)
@@ -266,21 +266,27 @@ impl<'j> Structure<'j> {
         let Declared { section, map, index, name, .. } = self.declared(given).map_err(one)?;
         let own = parts(map)[index];
         let parameters = self.parameters();
-        let is_named = |expression: &str| {
+        fn is_named(expression: &str, parameters: &BTreeSet<&str>, name: &str) -> bool {
             let places = named_parameters(expression, &|word| parameters.contains(word));
             places.into_iter().flatten().any(|place| &expression[place] == name)
-        };
-        let is_user = |found: &&Reference| {
-            let is_inside = own.start <= found.span.start && found.span.end <= own.end;
-            !is_inside
-                && match found.kind {
-                    Names::Link => section != "params" && named_node(&found.text) == name,
-                    Names::Parameter => section == "params" && found.text == name,
-                    Names::Expression => section == "params" && is_named(&found.text),
-                    Names::Output => false,
-                }
-        };
-        let users = Vec::from_iter(self.references.all.iter().filter(is_user));
+        }
+        let users: Vec<_> = self
+            .references
+            .all
+            .iter()
+            .filter(|found| {
+                let is_inside = own.start <= found.span.start && found.span.end <= own.end;
+                !is_inside
+                    && match found.kind {
+                        Names::Link => section != "params" && named_node(&found.text) == name,
+                        Names::Parameter => section == "params" && found.text == name,
+                        Names::Expression => {
+                            section == "params" && is_named(&found.text, &parameters, name)
+                        }
+                        Names::Output => false,
+                    }
+            })
+            .collect();
         if !users.is_empty() && (!and_links || section == "params") {
             let refused = |user: &&Reference| {
                 let message = format!("`{name}` cannot be removed: {} needs it", user.by);
@@ -354,11 +360,14 @@ impl<'j> Structure<'j> {
     /// Lists of links of which nothing would be left go whole, where the port can do without.
     fn let_lists_go<'t>(&'t self, gone: &mut Gone<'t>) -> Vec<Refusal> {
         let mut refusals = Vec::new();
-        let emptied = |(list, gone): &&(&'t Tree, BTreeSet<usize>)| match &list.kind {
-            Kind::List(items) => items.len() == gone.len(),
-            _ => false,
-        };
-        let emptied = Vec::from_iter(gone.values().filter(emptied).map(|(list, _)| *list));
+        let emptied: Vec<_> = gone
+            .values()
+            .filter(|(list, gone)| match &list.kind {
+                Kind::List(items) => items.len() == gone.len(),
+                _ => false,
+            })
+            .map(|(list, _)| *list)
+            .collect();
         for list in emptied {
             let holders = self.holders(list.span);
             let Some(&(holder, index)) = holders.last() else { continue };
@@ -375,24 +384,31 @@ impl<'j> Structure<'j> {
 
     /// Refuses to leave the port at the end of a way empty, if it must have a link.
     fn may_be_empty(&self, holders: &[(&Tree, usize)], span: Span) -> Result<(), Refusal> {
-        let needed = |node: &str, port: &str| {
-            let ports = self.references.ports.get(node).into_iter().flatten();
+        fn needed(
+            node: &str,
+            port: &str,
+            references_ports: &std::collections::HashMap<
+                String,
+                Vec<maquette_graph::catalog::PortDescription>,
+            >,
+        ) -> bool {
+            let ports = references_ports.get(node).into_iter().flatten();
             ports.into_iter().any(|known| known.name == port && !known.optional)
-        };
+        }
         let [_, (nodes, entry), (call, field), inner @ ..] = holders else { return Ok(()) };
         let Kind::Map(entries) = &nodes.kind else { return Ok(()) };
         let node = entries[*entry].0.text().unwrap_or_default();
         let kind = call.name().map_or_else(String::new, |kind| kind.text);
-        let name_of = |tree: &Tree, index: usize| {
+        fn name_of(tree: &Tree, index: usize) -> String {
             let field = tree.fields().and_then(|fields| fields.get(index));
             field.map_or_else(String::new, |field| field.name.text.clone())
-        };
+        }
         let outer = name_of(call, *field);
         let (port, is_needed) = match (&kind[..], inner) {
             ("ForEach", [.., (group, field)]) => {
                 let port = name_of(group, *field);
                 // What is carried is what its links give.
-                let is_needed = outer == "carry" || needed(node, &port);
+                let is_needed = outer == "carry" || needed(node, &port, &self.references.ports);
                 (port, is_needed)
             }
             ("Switch", [(cases, case)]) => match &cases.kind {
@@ -402,7 +418,7 @@ impl<'j> Structure<'j> {
                 _ => (outer, true),
             },
             (_, []) => {
-                let is_needed = needed(node, &outer);
+                let is_needed = needed(node, &outer, &self.references.ports);
                 (outer, is_needed)
             }
             _ => (outer, false),
@@ -420,12 +436,17 @@ impl<'j> Structure<'j> {
         let mut tree = &self.tree;
         while tree.span != span {
             let parts = parts(tree);
-            let is_around = |part: &Span| part.start <= span.start && span.end <= part.end;
-            let Some(index) = parts.iter().position(is_around) else { break };
+            let Some(index) =
+                parts.iter().position(|part| part.start <= span.start && span.end <= part.end)
+            else {
+                break;
+            };
             holders.push((tree, index));
             tree = part(tree, index);
         }
-        let is_some = |tree: &Tree| tree.call_of("Some").is_some();
+        fn is_some(tree: &Tree) -> bool {
+            tree.call_of("Some").is_some()
+        }
         while holders.pop_if(|(tree, _)| is_some(tree)).is_some() {}
         holders
     }
@@ -443,7 +464,7 @@ impl<'j> Structure<'j> {
         let index = entries.iter().position(|(key, _)| key.text() == Some(name));
         let Some(to) = to else {
             let (Some(index), Some(outputs)) = (index, outputs) else {
-                let known = Vec::from_iter(entries.iter().filter_map(|(key, _)| key.text()));
+                let known: Vec<_> = entries.iter().filter_map(|(key, _)| key.text()).collect();
                 let message = format!("the graph has no output `{name}`");
                 let help = nearest_or_all(name, "its outputs", &known);
                 return Err(one(refusal(code::UNKNOWN_LINK, Span::default(), message, help)));

@@ -513,7 +513,7 @@ impl Evaluator {
 
     /// Evaluates what the nodes of these names need; names that the graph does not have are left out.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
-        let wanted = Vec::from_iter(names.iter().flat_map(|name| graph.nodes_of(name)));
+        let wanted: Vec<_> = names.iter().flat_map(|name| graph.nodes_of(name)).collect();
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 

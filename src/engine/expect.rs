@@ -109,7 +109,7 @@ pub(crate) fn violations<'v>(
             continue;
         }
         let values = expected.values.iter().flatten();
-        let values = Vec::from_iter(values.filter_map(|&(node, output)| value(node, output)));
+        let values: Vec<_> = values.filter_map(|&(node, output)| value(node, output)).collect();
         if values.len() < names.len() {
             continue;
         }
@@ -127,8 +127,10 @@ fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Wrong {
     if offending.is_empty() {
         return None;
     }
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let middle = |[a, b]: &[u32; 2]| nalgebra::center(&place(*a), &place(*b));
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    let middle = |[a, b]: &[u32; 2]| nalgebra::center(&place(*a, mesh), &place(*b, mesh));
     let names = offending.iter().take(NAMED).map(|[a, b]| format!("{a}-{b}"));
     let more = if offending.len() > NAMED { ", .." } else { "" };
     let first = middle(&offending[0]);
@@ -185,19 +187,25 @@ pub(super) fn no_self_intersection(mesh: &Mesh) -> Wrong {
         if count == 1 { "" } else { "s" },
         Vec::from_iter(names).join(", ")
     );
-    let middle = |[face, _]: &[u32; 2]| {
-        let face = mesh.faces().face(*face as usize);
-        let sum: nalgebra::Vector3<f64> =
-            face.iter().map(|&vertex| mesh.positions()[vertex as usize].coords).sum();
-        Point3::from(sum / face.len() as f64)
-    };
-    Some((why, pairs.iter().take(1000).map(middle).collect()))
+    Some((
+        why,
+        pairs
+            .iter()
+            .take(1000)
+            .map(|[face, _]| {
+                let face = mesh.faces().face(*face as usize);
+                let sum: nalgebra::Vector3<f64> =
+                    face.iter().map(|&vertex| mesh.positions()[vertex as usize].coords).sum();
+                Point3::from(sum / face.len() as f64)
+            })
+            .collect(),
+    ))
 }
 
 fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
     let counts = counted(value);
     let Some(&(_, found)) = counts.iter().find(|(name, _)| *name == what) else {
-        let names = Vec::from_iter(counts.iter().map(|(name, _)| &**name)).join(", ");
+        let names = counts.iter().map(|(name, _)| &**name).collect::<Vec<_>>().join(", ");
         let kind = value.kind().name;
         return Some((
             format!("is a {kind}, of which no `{what}` are counted, only: {names}"),
@@ -206,7 +214,9 @@ fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wr
     };
     let fits =
         min.is_none_or(|min| min <= found as f64) && max.is_none_or(|max| found as f64 <= max);
-    let limit = |word: &str, limit: Option<f64>| limit.map(|limit| format!("{word} {limit}"));
+    fn limit(word: &str, limit: Option<f64>) -> Option<String> {
+        limit.map(|limit| format!("{word} {limit}"))
+    }
     let wanted: Vec<String> =
         [limit("at least", min), limit("at most", max)].into_iter().flatten().collect();
     (!fits)
@@ -228,8 +238,11 @@ fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Wrong {
     };
     // Cells without a point are nowhere.
     points.retain(|point| !point.x.is_nan());
-    let outside = |p: &Point3<f64>| (0..3).any(|k| p[k] < low[k] || high[k] < p[k]);
-    let outside: Vec<usize> = (0..points.len()).filter(|&index| outside(&points[index])).collect();
+    fn outside(p: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> bool {
+        (0..3).any(|k| p[k] < low[k] || high[k] < p[k])
+    }
+    let outside: Vec<usize> =
+        (0..points.len()).filter(|&index| outside(&points[index], low, high)).collect();
     let first = *outside.first()?;
     let p = points[first];
     let why = format!(

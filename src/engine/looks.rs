@@ -54,10 +54,15 @@ pub(super) fn whole(mesh: &Mesh, region: &Region, band: f64) -> Wrong {
         six(band),
         place(first)
     );
-    let middle = |&[a, b]: &[u32; 2]| {
-        nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize])
-    };
-    Some((why, near.iter().take(PLACES).map(middle).collect()))
+    Some((
+        why,
+        near.iter()
+            .take(PLACES)
+            .map(|&[a, b]| {
+                nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize])
+            })
+            .collect(),
+    ))
 }
 
 fn place(point: Point3<f64>) -> String {
@@ -101,7 +106,7 @@ fn bend_at(mesh: &Mesh, edge: [u32; 2], faces: [usize; 2]) -> Option<Bend> {
 }
 
 fn sharpest(found: Vec<Bend>, max: f64, what: &str) -> Wrong {
-    let mut sharp = Vec::from_iter(found.into_iter().filter(|bend| bend.angle > max));
+    let mut sharp: Vec<_> = found.into_iter().filter(|bend| bend.angle > max).collect();
     sharp.sort_by(|a, b| b.angle.total_cmp(&a.angle).then(a.edge.cmp(&b.edge)));
     let &Bend { angle, at, .. } = sharp.first()?;
     let why = format!(
@@ -137,13 +142,14 @@ fn new_faces(mesh: &Mesh, region: Option<&Region>) -> Result<Vec<bool>, &'static
         (Some(region), _, Some(uv)) => {
             let size = [region.width(), region.height()];
             let inside = region.grid();
-            let holds = |&uv: &[f64; 2]| {
-                let [column, row] = cell(uv, size).map(f64::round);
-                let is_seen = 0.0 <= column && 0.0 <= row && (column as usize) < size[0];
-                let at = row as usize * size[0] + column as usize;
-                is_seen && inside.get(at) == Some(&1)
-            };
-            uv.iter().map(holds).collect()
+            uv.iter()
+                .map(|&uv| {
+                    let [column, row] = cell(uv, size).map(f64::round);
+                    let is_seen = 0.0 <= column && 0.0 <= row && (column as usize) < size[0];
+                    let at = row as usize * size[0] + column as usize;
+                    is_seen && inside.get(at) == Some(&1)
+                })
+                .collect()
         }
     };
     Ok(mesh.faces().iter().map(|face| face.iter().any(|&vertex| is_new[vertex as usize])).collect())
@@ -211,11 +217,15 @@ fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
                 corners(vertex).flat_map(|&other| corners(other)).copied().collect();
             near.sort_unstable();
             near.dedup();
-            let place = |&other: &u32| {
-                let way = mesh.positions()[other as usize] - at;
-                axes.map(|axis| axis.dot(&way))
-            };
-            curvature_across(&Vec::from_iter(near.iter().map(place)))
+            curvature_across(
+                &near
+                    .iter()
+                    .map(|&other| {
+                        let way = mesh.positions()[other as usize] - at;
+                        axes.map(|axis| axis.dot(&way))
+                    })
+                    .collect::<Vec<_>>(),
+            )
         };
         Some(curvature(true)? - curvature(false)?)
     };
@@ -263,19 +273,21 @@ fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
 pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
     let Some(Attribute::Number(numbers)) = mesh.vertex().get(name) else {
         let known = mesh.vertex().iter().filter(|(_, it)| matches!(it, Attribute::Number(_)));
-        let known = Vec::from_iter(known.map(|(name, _)| format!("`{name}`"))).join(", ");
+        let known = known.map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");
         let which = if known.is_empty() { "none".to_owned() } else { format!("only {known}") };
         return Some((format!("has no number `{name}` at its vertices, {which}"), Vec::new()));
     };
     let fits =
         |number: f64| min.is_none_or(|min| min <= number) && max.is_none_or(|max| number <= max);
     let outside: Vec<usize> = (0..numbers.len()).filter(|&vertex| !fits(numbers[vertex])).collect();
-    let off = |number: f64| {
+    fn off(number: f64, min: &Option<f64>, max: &Option<f64>) -> f64 {
         let below = min.map_or(0.0, |min| min - number);
         let above = max.map_or(0.0, |max| number - max);
         if number.is_nan() { f64::INFINITY } else { below.max(above) }
-    };
-    let worst = *outside.iter().max_by(|&&a, &&b| off(numbers[a]).total_cmp(&off(numbers[b])))?;
+    }
+    let worst = *outside
+        .iter()
+        .max_by(|&&a, &&b| off(numbers[a], &min, &max).total_cmp(&off(numbers[b], &min, &max)))?;
     let why = format!(
         "has {} vertices with a `{name}` out of its range; the worst, {}, is at {}",
         outside.len(),
@@ -345,11 +357,13 @@ mod tests {
 
     #[test]
     fn the_rim_of_what_is_new_is_looked_at_alone() {
-        let filled = |from: usize| {
+        fn filled(from: usize) -> Mesh {
             let flags = (0..49).map(|at| u8::from(at % 7 >= from)).collect();
             sheet(&[], 1.0).with_vertex("filled", Attribute::Flag(flags)).unwrap()
-        };
-        let smooth = |mesh: &Mesh| continuity(mesh, None, 10.0, None);
+        }
+        fn smooth(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
+            continuity(mesh, None, 10.0, None)
+        }
         assert!(smooth(&filled(4)).is_some());
         assert_eq!(smooth(&filled(6)), None);
         assert!(smooth(&filled(7)).unwrap().0.contains("no edge"));
@@ -359,15 +373,17 @@ mod tests {
         let points = vec![Point3::new(0.0, 0.0, 500.0); cells.len()];
         let depths = vec![0; cells.len()];
         let region = Region::new(6, 6, cells, points, depths, vec![]).unwrap();
-        let within = |max: f64| continuity(&sheet(&[], 1.0), Some(&region), max, None);
-        assert_eq!(within(45.1), None);
-        assert!(within(10.0).is_some());
+        fn within(max: f64, region: &Region) -> Option<(String, Vec<Point3<f64>>)> {
+            continuity(&sheet(&[], 1.0), Some(region), max, None)
+        }
+        assert_eq!(within(45.1, &region), None);
+        assert!(within(10.0, &region).is_some());
     }
 
     #[test]
     fn a_plane_beside_a_cylinder_is_smooth_but_bends_otherwise() {
         // Along x, flat until 2, then round; new is what comes after column `from`.
-        let rolled = |radius: f64, from: usize| {
+        fn rolled(radius: f64, from: usize) -> Mesh {
             let flat = sheet(&[], 0.0);
             let points = flat.positions().iter().map(|point| {
                 let turn = (point.x - 2.0).max(0.0) / radius;
@@ -377,8 +393,10 @@ mod tests {
             let flags = (0..49).map(|at| u8::from(at % 7 > from)).collect();
             let rolled = flat.with_positions(points.collect()).unwrap();
             rolled.with_vertex("filled", Attribute::Flag(flags)).unwrap()
-        };
-        let gap = |mesh: &Mesh| jump(mesh, &new_faces(mesh, None).unwrap());
+        }
+        fn gap(mesh: &Mesh) -> f64 {
+            jump(mesh, &new_faces(mesh, None).unwrap())
+        }
         // At the joint, and beside it.
         assert!((gap(&rolled(20.0, 2)) - 0.05).abs() < 0.003, "{}", gap(&rolled(20.0, 2)));
         assert!(gap(&rolled(20.0, 4)) < 0.001, "{}", gap(&rolled(20.0, 4)));

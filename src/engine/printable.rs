@@ -18,12 +18,12 @@ pub(super) fn printable(mesh: &Mesh, thickness: f64) -> Wrong {
     if mesh.faces().is_empty() {
         return Some(("has no faces".into(), Vec::new()));
     }
-    let pinched = || {
+    fn pinched(mesh: &Mesh) -> Option<(String, Vec<nalgebra::Point3<f64>>)> {
         let offence = AnyValue::new(mesh.clone()).offence("Unpinched")?;
         let places = offence.elements.iter().map(|element| element.place());
         Some((offence.what, places.collect()))
-    };
-    let wrong = [closed(mesh), manifold(mesh), pinched(), no_self_intersection(mesh)];
+    }
+    let wrong = [closed(mesh), manifold(mesh), pinched(mesh), no_self_intersection(mesh)];
     let wrong = wrong.into_iter().flatten();
     let (what, places): (Vec<String>, Vec<Vec<_>>) = wrong.unzip();
     if !what.is_empty() {
@@ -34,19 +34,23 @@ pub(super) fn printable(mesh: &Mesh, thickness: f64) -> Wrong {
 
 fn walls(mesh: &Mesh, thickness: f64) -> Wrong {
     let behind = mesh.behind(&TriangleTree::new(mesh));
-    let middle = |face: usize| mesh.first_middle(mesh.faces().face(face));
-    let told = |offending: &[usize], what: &str| {
-        let names = Vec::from_iter(offending.iter().take(NAMED).map(usize::to_string)).join(", ");
+    fn middle(face: usize, mesh: &Mesh) -> nalgebra::Point3<f64> {
+        mesh.first_middle(mesh.faces().face(face))
+    }
+    fn told(offending: &[usize], what: &str, mesh: &Mesh) -> (String, Vec<nalgebra::Point3<f64>>) {
+        let names =
+            offending.iter().take(NAMED).map(usize::to_string).collect::<Vec<_>>().join(", ");
         let more = if NAMED < offending.len() { ", .." } else { "" };
-        let places = offending.iter().take(PLACES).map(|&face| middle(face));
+        let places = offending.iter().take(PLACES).map(|&face| middle(face, mesh));
         let faces = if offending.len() == 1 { "face" } else { "faces" };
         let why = format!("has {} {faces} {what} ({faces} {names}{more}", offending.len());
         (why, Vec::from_iter(places))
-    };
-    let inward = Vec::from_iter((0..behind.len()).filter(|&face| behind[face] == Behind::Outside));
+    }
+    let inward: Vec<_> =
+        (0..behind.len()).filter(|&face| behind[face] == Behind::Outside).collect();
     if let Some(&first) = inward.first() {
-        let (why, places) = told(&inward, "that look inward");
-        let at = middle(first);
+        let (why, places) = told(&inward, "that look inward", mesh);
+        let at = middle(first, mesh);
         let place = [at.x, at.y, at.z].map(six).join(", ");
         return Some((format!("{why}; the first is at ({place}))"), places));
     }
@@ -57,8 +61,8 @@ fn walls(mesh: &Mesh, thickness: f64) -> Wrong {
     let thin = Vec::from_iter(thin);
     let &(worst, distance) = thin.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let what = format!("with a wall of less than {} mm behind them", six(thickness));
-    let (why, places) = told(&Vec::from_iter(thin.iter().map(|(face, _)| *face)), &what);
-    let at = middle(worst);
+    let (why, places) = told(&thin.iter().map(|(face, _)| *face).collect::<Vec<_>>(), &what, mesh);
+    let at = middle(worst, mesh);
     let place = [at.x, at.y, at.z].map(six).join(", ");
     Some((format!("{why}; the thinnest is {worst} at ({place}), {} mm)", six(distance)), places))
 }
@@ -72,11 +76,18 @@ mod tests {
 
     /// A box from the origin.
     fn cuboid(size: [f64; 3]) -> Mesh {
-        let at = |k: usize| Point3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64));
         let faces =
             [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
         let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
-        Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap()
+        Mesh::new(
+            (0..8)
+                .map(|k: usize| {
+                    Point3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64))
+                })
+                .collect::<Vec<_>>(),
+            faces,
+        )
+        .unwrap()
     }
 
     fn told(mesh: &Mesh, thickness: f64) -> String {
@@ -162,10 +173,10 @@ mod tests {
     #[test]
     fn it_is_the_same_for_any_number_of_threads() {
         let plate = cuboid([20.0, 10.0, 1.0]);
-        let judged = |threads| {
+        fn judged(threads: usize, plate: &Mesh) -> String {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| told(&plate, 1.2))
-        };
-        assert_eq!(judged(1), judged(3));
+            pool.install(|| told(plate, 1.2))
+        }
+        assert_eq!(judged(1, &plate), judged(3, &plate));
     }
 }

@@ -166,14 +166,18 @@ impl Session {
         let graph = self.fed(graph, &run.inputs)?;
         let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.wanted);
         let graph = self.resolved(&graph, &wanted, run.observer, &run.cancel);
-        let of_outputs = || graph.outputs().iter().map(|output| output.node).collect::<Vec<_>>();
+        fn of_outputs(graph: &Graph) -> Vec<usize> {
+            graph.outputs().iter().map(|output| output.node).collect::<Vec<_>>()
+        }
         let named = |name: &str| match graph.value_named(name) {
             Some((node, _)) => vec![node],
             None => graph.nodes_of(name),
         };
         let mut nodes = match &run.wanted {
-            Wanted::Outputs => of_outputs(),
-            Wanted::OutputsAnd(names) => [of_outputs(), places(&graph, names, named)?].concat(),
+            Wanted::Outputs => of_outputs(&graph),
+            Wanted::OutputsAnd(names) => {
+                [of_outputs(&graph), places(&graph, names, named)?].concat()
+            }
             Wanted::Everything => (0..graph.nodes().len()).collect(),
             Wanted::Named(names) => places(&graph, names, named)?,
             Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
@@ -186,8 +190,8 @@ impl Session {
         nodes.extend(expect::nodes_of(&expected));
         nodes.extend(graph.empty());
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
-        let judge = || expect::violations(&graph, evaluation.by_place(), &expected);
-        let violations = self.evaluator.install(judge);
+        let violations =
+            self.evaluator.install(|| expect::violations(&graph, evaluation.by_place(), &expected));
         Ok(Finished { graph, evaluation, violations })
     }
 
@@ -220,12 +224,12 @@ impl Session {
         outputs_of(graph, only)?;
         let wanted = |graph: &Graph| {
             let outputs = outputs_of(graph, only).unwrap_or_default();
-            let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+            let nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
             [expect::nodes_of(&expected_of(graph, &nodes, only)), nodes].concat()
         };
         let graph = &self.resolved(graph, &wanted, observer, cancel);
         let outputs = outputs_of(graph, only)?;
-        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let mut nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let expected = expected_of(graph, &nodes, only);
         nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty()));
         let (mut verdicts, open) = self.unjudged(graph, &expected);
@@ -247,8 +251,8 @@ impl Session {
         }
         let mut problems = evaluation.problems();
         if !open.is_empty() {
-            let judge = || verdicts.judge(graph, &evaluation, &open, cancel);
-            let violations = self.evaluator.install(judge);
+            let violations =
+                self.evaluator.install(|| verdicts.judge(graph, &evaluation, &open, cancel));
             problems.extend(violations.into_iter().map(|violation| violation.problem));
             self.keep_verdicts(graph, &verdicts);
         }
@@ -362,16 +366,23 @@ impl Session {
 
     /// What went wrong with keeping and sharing results, in words.
     pub fn troubles(&self) -> Vec<String> {
-        let unkept = |why| format!("results are not kept for the next run: {why}");
         let server = self.server_trouble().map(str::to_owned);
-        self.write_trouble().map(unkept).into_iter().chain(server).collect()
+        self.write_trouble()
+            .map(|why| format!("results are not kept for the next run: {why}"))
+            .into_iter()
+            .chain(server)
+            .collect()
     }
 
     /// The same, as warnings of a graph.
     pub fn warnings(&self, graph: &Graph) -> Vec<Problem> {
-        let problem = |trouble| graph.problem(code::WARNING, trouble);
-        let warning = |it| Problem { severity: Severity::Warning, ..problem(it) };
-        self.troubles().into_iter().map(warning).collect()
+        fn problem(trouble: String, graph: &Graph) -> Problem {
+            graph.problem(code::WARNING, trouble)
+        }
+        self.troubles()
+            .into_iter()
+            .map(|it| Problem { severity: Severity::Warning, ..problem(it, graph) })
+            .collect()
     }
 
     /// What the server of results was asked for so far, if there is one.
@@ -406,17 +417,27 @@ pub(crate) fn outputs_of<'g>(
     if only.is_empty() {
         return Ok(graph.outputs().iter().collect());
     }
-    let find = |name: &String| {
-        let is_meant = |output: &&GraphOutput| {
-            let is_port = graph.ports().iter().any(|port| port.name == *name);
-            output.name == *name || is_port && Path::new(&output.name).with_extension("") == **name
-        };
-        graph.outputs().iter().find(is_meant).ok_or_else(|| {
-            let known = Vec::from_iter(graph.output_names());
-            unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
+    only.iter()
+        .map(|name| {
+            graph
+                .outputs()
+                .iter()
+                .find(|output| {
+                    let is_port = graph.ports().iter().any(|port| port.name == *name);
+                    output.name == *name
+                        || is_port && Path::new(&output.name).with_extension("") == **name
+                })
+                .ok_or_else(|| {
+                    let known = Vec::from_iter(graph.output_names());
+                    unknown(
+                        format!("the graph has no output `{name}`"),
+                        name,
+                        "its outputs",
+                        &known,
+                    )
+                })
         })
-    };
-    only.iter().map(find).collect()
+        .collect()
 }
 
 /// The nodes that give what these names mean, each of which `find` looks up.
@@ -429,7 +450,7 @@ fn places(
     for name in names {
         let found = find(name);
         if found.is_empty() {
-            let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
+            let known: Vec<_> = graph.output_names().chain(graph.node_names()).collect();
             let message = graph.unknown("output or node", name, "it has", &known);
             problems.push(graph.problem(code::UNKNOWN_LINK, message));
         }

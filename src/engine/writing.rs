@@ -155,10 +155,12 @@ impl<'a> Destination<'a> {
 
     /// Whether files in a folder may be written.
     pub fn judge_folder(&self, folder: &Path) -> Result<(), Refused> {
-        let lies_in = |inner: &Path, outer: &Path| match real(inner)?.starts_with(real(outer)?) {
-            true => Ok(()),
-            false => Err(Refused::Outside(outer.to_owned())),
-        };
+        fn lies_in(inner: &Path, outer: &Path) -> Result<(), Refused> {
+            match real(inner)?.starts_with(real(outer)?) {
+                true => Ok(()),
+                false => Err(Refused::Outside(outer.to_owned())),
+            }
+        }
         match &self.bounds {
             Bounds::None => Ok(()),
             Bounds::Folder(outer) => lies_in(folder, outer),
@@ -188,8 +190,7 @@ fn beside(path: &Path) -> &Path {
 fn real(path: &Path) -> io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let path = std::path::absolute(path)?;
-    let is_there = |path: &&Path| fs::symlink_metadata(path).is_ok();
-    let there = path.ancestors().find(is_there).unwrap_or(&path);
+    let there = path.ancestors().find(|path| fs::symlink_metadata(path).is_ok()).unwrap_or(&path);
     let rest = path.strip_prefix(there).unwrap_or(Path::new(""));
     let there = fs::canonicalize(there)?;
     Ok(if rest.as_os_str().is_empty() { there } else { without_dots(&there.join(rest)) })

@@ -79,12 +79,19 @@ pub fn read(bytes: &[u8]) -> Result<RangeFile, AbsError> {
     if numbers.len() < expected {
         return Err(AbsError::CutOff { line: 4, found: numbers.len(), expected });
     }
-    let number = |column: usize, cell: usize| f64::from(numbers[column * cells + cell]);
-    let point = |cell| match number(0, cell) {
-        0.0 => Point3::new(f64::NAN, f64::NAN, f64::NAN),
-        _ => Point3::new(number(1, cell), number(2, cell), number(3, cell)),
-    };
-    let points = (0..cells).map(point).collect();
+    fn number(column: usize, cell: usize, numbers: &[f32], cells: usize) -> f64 {
+        f64::from(numbers[column * cells + cell])
+    }
+    let points = (0..cells)
+        .map(|cell| match number(0, cell, &numbers, cells) {
+            0.0 => Point3::new(f64::NAN, f64::NAN, f64::NAN),
+            _ => Point3::new(
+                number(1, cell, &numbers, cells),
+                number(2, cell, &numbers, cells),
+                number(3, cell, &numbers, cells),
+            ),
+        })
+        .collect();
     let range = RangeImage::new(columns, rows, points).expect("a point was read for each cell");
     Ok(RangeFile { axes: Some(Axes::YUp), ..range.into() })
 }
@@ -99,8 +106,11 @@ fn count(
     let mut words = words(text);
     let count = words.next().and_then(parse);
     let named = words.next() == Some(word.as_bytes()) && words.next().is_none();
-    let wrong = || AbsError::Header { line: line.max(1), text: excerpt(text), wanted };
-    count.filter(|_| named).ok_or_else(wrong)
+    count.filter(|_| named).ok_or_else(|| AbsError::Header {
+        line: line.max(1),
+        text: excerpt(text),
+        wanted,
+    })
 }
 
 #[cfg(test)]

@@ -42,7 +42,9 @@ impl View {
     /// A warning if the center of the view is not on a grid of this size: then its numbers may be those of a larger picture.
     pub fn center_note(&self, found: [usize; 2]) -> Option<String> {
         let [x, y] = self.pinhole.center;
-        let is_on = |x: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&x);
+        fn is_on(x: f64, size: usize) -> bool {
+            (-0.5..=size as f64 - 0.5).contains(&x)
+        }
         (self.size.is_none() && !(is_on(x, found[0]) && is_on(y, found[1]))).then(|| {
             format!(
                 "the camera's center ({x}, {y}) is not on the {} x {} cells: its numbers may be for another size, which `width` and `height` would tell",
@@ -179,12 +181,17 @@ const DEPTH_SCALES: [&str; 3] = ["depth_scale", "depthScale", "integer_depth_sca
 fn notes(file: &Value) -> Vec<String> {
     let cameras = ["camera", "range", "color", "colour"].map(|key| file.get(key));
     let cameras = || iter::once(file).chain(cameras.into_iter().flatten());
-    let is_zero = |value: &Value| numbers(value).iter().all(|&number| number == 0.0);
-    let has = |key: &&&str| {
-        cameras().any(|camera| camera.get(**key).is_some_and(|value| !is_zero(value)))
-    };
+    fn is_zero(value: &Value) -> bool {
+        numbers(value).iter().all(|&number| number == 0.0)
+    }
     let quoted = |keys: &[&str]| {
-        Vec::from_iter(keys.iter().filter(has).map(|key| format!("`{key}`"))).join(", ")
+        keys.iter()
+            .filter(|key| {
+                cameras().any(|camera| camera.get(**key).is_some_and(|value| !is_zero(value)))
+            })
+            .map(|key| format!("`{key}`"))
+            .collect::<Vec<_>>()
+            .join(", ")
     };
     let (lens, scale) = (quoted(&DISTORTIONS), quoted(&DEPTH_SCALES));
     let lens = (!lens.is_empty()).then(|| {
@@ -212,16 +219,22 @@ fn depth_scale(file: &Value) -> Result<Option<f64>, CameraError> {
     let per_meter = file.get("depth_units_per_metre");
     let per_meter = per_meter.map(|value| ("depth_units_per_metre", value, 1000.0));
     let Some((key, value, unit)) = per_mm.or(per_meter) else { return Ok(None) };
-    let wrong = || CameraError::DepthScale { key, value: value.to_string() };
     let scale = value.as_f64().filter(|&scale| scale > 0.0);
-    scale.map(|scale| Some(scale / unit)).ok_or_else(wrong)
+    scale
+        .map(|scale| Some(scale / unit))
+        .ok_or_else(|| CameraError::DepthScale { key, value: value.to_string() })
 }
 
 fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
-    let wrong = |key, value: &Value, wanted| {
+    fn wrong(
+        key: &'static str,
+        value: &Value,
+        wanted: &'static str,
+        name: &'static str,
+    ) -> CameraError {
         let value = value.to_string();
         CameraError::Number { camera: name, key, value, wanted }
-    };
+    }
     let intrinsics = intrinsics(camera)?;
     // NeRF has other names for the focal length and the size.
     let find =
@@ -234,17 +247,17 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
     .as_ref()
     {
         None => Err(CameraError::NoPinhole { camera: name, key }),
-        Some(value) => value.as_f64().ok_or_else(|| wrong(key, value, "a number is needed")),
+        Some(value) => value.as_f64().ok_or_else(|| wrong(key, value, "a number is needed", name)),
     };
     let focal = |key| match number(key)? {
         length if length > 0.0 => Ok(length),
-        length => Err(wrong(key, &length.into(), "a focal length is greater than 0")),
+        length => Err(wrong(key, &length.into(), "a focal length is greater than 0", name)),
     };
     let size = |key: &'static str| match find(camera, key, &key[..1]).as_ref() {
         None => Ok(None),
         Some(value) => match value.as_u64().and_then(|size| usize::try_from(size).ok()) {
             Some(size) => Ok(Some(size)),
-            None => Err(wrong(key, value, "a whole number is needed")),
+            None => Err(wrong(key, value, "a whole number is needed", name)),
         },
     };
     let pinhole =
@@ -335,20 +348,22 @@ mod tests {
     #[test]
     fn the_steps_of_depth_maps_are_read() {
         let camera = r#""fx": 1, "fy": 2, "cx": 3, "cy": 4"#;
-        let scale = |text: &str| {
+        fn scale(text: &str, camera: &str) -> Result<Option<f64>, String> {
             let file = read(format!("{{{camera}, {text}}}").as_bytes());
             file.map(|file| file.depth_per_mm).map_err(|error| error.to_string())
-        };
-        assert_eq!(scale(r#""depth_png": {"units_per_mm": 50}"#), Ok(Some(50.0)));
-        assert_eq!(scale(r#""depth_units_per_metre": 10000"#), Ok(Some(10.0)));
-        assert_eq!(scale(r#""depth_png": {}"#), Ok(None));
+        }
+        assert_eq!(scale(r#""depth_png": {"units_per_mm": 50}"#, camera), Ok(Some(50.0)));
+        assert_eq!(scale(r#""depth_units_per_metre": 10000"#, camera), Ok(Some(10.0)));
+        assert_eq!(scale(r#""depth_png": {}"#, camera), Ok(None));
         let zero = "`depth_png.units_per_mm` is 0: a number greater than 0 is needed";
-        assert_eq!(scale(r#""depth_png": {"units_per_mm": 0}"#), Err(zero.into()));
+        assert_eq!(scale(r#""depth_png": {"units_per_mm": 0}"#, camera), Err(zero.into()));
     }
 
     #[test]
     fn pinholes_of_other_programs_are_read() {
-        let view = |text: &str| read(text.as_bytes()).unwrap().range;
+        fn view(text: &str) -> View {
+            read(text.as_bytes()).unwrap().range
+        }
         let pinhole = Pinhole { focal: [1.0, 2.0], center: [3.0, 4.0] };
         for text in [
             r#"{"w": 8, "h": 6, "intrinsic_matrix": [1, 0, 0, 0, 2, 0, 3, 4, 1]}"#,
@@ -364,10 +379,10 @@ mod tests {
 
     #[test]
     fn what_is_known_but_not_used_is_noted() {
-        let notes = |text: &str| {
+        fn notes(text: &str) -> Vec<String> {
             let text = format!(r#"{{"fx": 1, "fy": 2, "cx": 3, "cy": 4, {text}}}"#);
             read(text.as_bytes()).unwrap().notes
-        };
+        }
         assert_eq!(notes(r#""k1": 0.0, "distortion": [0, 0, 0]"#), [""; 0]);
         assert!(notes(r#""k1": 0.1, "p2": -0.2"#)[0].contains("(`k1`, `p2`)"));
         assert!(
@@ -382,7 +397,9 @@ mod tests {
 
     #[test]
     fn a_center_beside_the_grid_is_noted_unless_the_size_is_known() {
-        let view = |text: &str| read(text.as_bytes()).unwrap().range;
+        fn view(text: &str) -> View {
+            read(text.as_bytes()).unwrap().range
+        }
         let camera = r#""fx": 100, "fy": 100, "cx": 47.5, "cy": 31.5"#;
         assert!(view(&format!("{{{camera}}}")).center_note([6, 4]).is_some());
         assert_eq!(view(&format!("{{{camera}}}")).center_note([96, 64]), None);

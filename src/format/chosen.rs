@@ -57,7 +57,7 @@ fn of_a_broken_file_all_reasons_are_told_and_what_most_readers_say_comes_first()
     assert!(told.starts_with(expected), "{told}");
     // What all of them say is told once.
     assert!(!why(b"plain text").contains("as Mesh"));
-    let wide = Vec::from_iter("ply\n".encode_utf16().flat_map(u16::to_le_bytes));
+    let wide: Vec<_> = "ply\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     let told = why(&[b"\xff\xfe", &wide[..]].concat());
     assert_eq!(told, "it is text in UTF-16: save it as UTF-8");
 }

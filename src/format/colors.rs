@@ -57,7 +57,9 @@ mod tests {
 
     #[test]
     fn the_range_is_that_of_all_colors() {
-        let range = |channels: &[f64], are_whole| guess(channels.iter().copied(), are_whole);
+        fn range(channels: &[f64], are_whole: bool) -> ColorRange {
+            guess(channels.iter().copied(), are_whole)
+        }
         assert_eq!(range(&[0.0, 0.5, 1.0], false), To1);
         assert_eq!(range(&[0.0, 1.03, 0.2], false), To1);
         assert_eq!(range(&[0.0, 1.0], false), To1);

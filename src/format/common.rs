@@ -48,7 +48,9 @@ pub struct TooFar {
 
 /// Checks that single precision can tell these places, or that there are none.
 pub(crate) fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result<(), TooFar> {
-    let far = |point: &Point3<f64>| point.iter().any(|&x| (x as f32).is_infinite());
+    fn far(point: &Point3<f64>) -> bool {
+        point.iter().any(|&x| (x as f32).is_infinite())
+    }
     let first = points.par_chunks(BLOCK).enumerate().find_map_first(|(block, points)| {
         // Without a branch for each point, so that wide vectors look at several of them at once.
         let is_far = points.iter().fold(false, |is_far, point| is_far | far(point));
@@ -59,7 +61,9 @@ pub(crate) fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result
 
 /// The same of the vertices of a mesh, which are looked at only if one of them is there.
 pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), TooFar> {
-    let is_near = |place: Point3<f64>| place.iter().all(|&x| (x as f32).is_finite());
+    fn is_near(place: Point3<f64>) -> bool {
+        place.iter().all(|&x| (x as f32).is_finite())
+    }
     match mesh.known_bounds().is_none_or(|(low, high)| is_near(low) && is_near(high)) {
         true => Ok(()),
         false => check_single("vertex", mesh.positions()),
@@ -75,13 +79,16 @@ pub(crate) const COARSEST: f64 = 1e-4;
 /// What is said of places that lie so far from the origin, beside their size, that single precision moves them.
 pub(crate) fn coarse(points: &[Point3<f64>]) -> Option<String> {
     let none = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
-    let of_block = |points: &[Point3<f64>]| {
-        let known = points.iter().filter(|point| !point.x.is_nan());
-        known.fold(none, |(low, high), point| (low.inf(point), high.sup(point)))
-    };
-    let of_blocks: Vec<_> = points.par_chunks(BLOCK).map(of_block).collect();
-    let both = |a: (Point3<f64>, Point3<f64>), b: &(_, _)| (a.0.inf(&b.0), a.1.sup(&b.1));
-    let (low, high) = of_blocks.iter().fold(none, both);
+    let of_blocks: Vec<_> = points
+        .par_chunks(BLOCK)
+        .map(|points| {
+            let known = points.iter().filter(|point| !point.x.is_nan());
+            known.fold(none, |(low, high), point| (low.inf(point), high.sup(point)))
+        })
+        .collect();
+    let (low, high) = of_blocks
+        .iter()
+        .fold(none, |a: (Point3<f64>, Point3<f64>), b| (a.0.inf(&b.0), a.1.sup(&b.1)));
     coarse_within(low, high)
 }
 
@@ -134,10 +141,10 @@ pub(crate) fn real<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> 
             [b'-', digits @ ..] => (-1.0, digits),
             [b'+', digits @ ..] | digits => (1.0, digits),
         };
-        let starts = |word: &str| {
+        fn starts(word: &str, digits: &[u8]) -> bool {
             digits.get(..word.len()).is_some_and(|it| it.eq_ignore_ascii_case(word.as_bytes()))
-        };
-        if starts("nan(") || starts("nanq") || starts("nans") {
+        }
+        if starts("nan(", digits) || starts("nanq", digits) || starts("nans", digits) {
             return Some(f32::NAN.into());
         }
         // As the C library of Windows prints them: a digit, `.#`, and what it is.

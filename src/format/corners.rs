@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn corners_with_different_data_are_split() {
-        let positions = Vec::from_iter((0..4).map(|i| Point3::new(f64::from(i), 0.0, 0.0)));
+        let positions: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
         let faces = Faces::triangles(vec![[0, 1, 2], [2, 1, 3], [1, 0, 3]]);
         let mesh = Mesh::new(positions, faces).unwrap();
         let data = ['a', 'b', 'c', 'c', 'x', 'd', 'b', 'a', 'd'];

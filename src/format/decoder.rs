@@ -113,7 +113,9 @@ impl File<'_> {
 
 /// 8-bit sRGB of whatever was decoded.
 fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
-    let upper = |sample: u16| (sample >> 8) as u8;
+    fn upper(sample: u16) -> u8 {
+        (sample >> 8) as u8
+    }
     Some(match decoded {
         DynamicImage::ImageRgb8(rgb) => {
             let samples = rgb.into_raw();
@@ -178,22 +180,24 @@ mod tests {
     /// Bytes as a small generator makes them, the same every time.
     fn noise(count: usize) -> Vec<u8> {
         let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 56) as u8
-        };
-        (0..count).map(|_| next()).collect()
+        fn next(state: &mut u64) -> u8 {
+            *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (*state >> 56) as u8
+        }
+        (0..count).map(|_| next(&mut state)).collect()
     }
 
     const SIZE: [u32; 2] = [19, 7];
 
     fn gray_or_rgb(samples: &[u8], channels: usize) -> Vec<[u8; 3]> {
-        let pixel = |pixel: &[u8]| match *pixel {
-            [gray] | [gray, _] => [gray; 3],
-            [red, green, blue, ..] => [red, green, blue],
-            [] => [0; 3],
-        };
-        samples.chunks(channels).map(pixel).collect()
+        samples
+            .chunks(channels)
+            .map(|pixel| match *pixel {
+                [gray] | [gray, _] => [gray; 3],
+                [red, green, blue, ..] => [red, green, blue],
+                [] => [0; 3],
+            })
+            .collect()
     }
 
     #[test]
@@ -268,11 +272,13 @@ mod tests {
 
     #[test]
     fn every_kind_of_tiff_has_the_pixels_of_its_decoder() {
-        let count = |channels: usize| channels * (SIZE[0] * SIZE[1]) as usize;
-        let wide = |channels: usize| -> Vec<u16> {
+        fn count(channels: usize) -> usize {
+            channels * (SIZE[0] * SIZE[1]) as usize
+        }
+        fn wide(channels: usize) -> Vec<u16> {
             let bytes = noise(2 * count(channels));
             bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect()
-        };
+        }
         check_tiff::<colortype::Gray8>(&noise(count(1)), 1);
         check_tiff::<colortype::Gray16>(&wide(1), 1);
         check_tiff::<colortype::RGB8>(&noise(count(3)), 3);
@@ -295,8 +301,8 @@ mod tests {
 
     #[test]
     fn lossless_files_have_their_pixels() {
-        let pixels = |k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
-        let expected = Vec::from_iter((0..16 * 12).map(pixels));
+        let expected: Vec<_> =
+            (0..16 * 12).map(|k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128]).collect();
         assert_eq!(read(seed!("lossless.webp")).pixels(), expected);
         assert_eq!(read(seed!("alpha.webp")).pixels(), expected);
         assert_eq!(read(seed!("rgb.bmp")).pixels(), expected);

@@ -72,12 +72,15 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     }
     let unit = camera.depth_per_mm.filter(|_| whole).map(|steps| 1.0 / steps);
     let pinhole = camera.range.pinhole;
-    let point = |(cell, &z): (usize, &f64)| {
-        let is_none = z <= 0.0 || camera.no_depth == Some(z);
-        let z = if is_none { f64::NAN } else { z };
-        pinhole.unproject([(cell % width) as f64, (cell / width) as f64], z)
-    };
-    let points = depths.iter().enumerate().map(point).collect();
+    let points = depths
+        .iter()
+        .enumerate()
+        .map(|(cell, &z)| {
+            let is_none = z <= 0.0 || camera.no_depth == Some(z);
+            let z = if is_none { f64::NAN } else { z };
+            pinhole.unproject([(cell % width) as f64, (cell / width) as f64], z)
+        })
+        .collect();
     let range = RangeImage::new(width, height, points).expect("there is a depth for each pixel");
     let range = range.with_camera(Some(pinhole));
     let notes = camera.range.center_note(found).into_iter().collect();
@@ -166,10 +169,12 @@ impl FileFormat for RangeDepthPng {
 
 /// Whether all points are in front of the camera and on the rays of their cells.
 fn check(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
-    let place = |cell: usize| (cell % range.width(), cell / range.width());
+    fn place(cell: usize, range: &RangeImage) -> (usize, usize) {
+        (cell % range.width(), cell / range.width())
+    }
     let (mut count, mut farthest) = (0, (0.0, 0));
     for (cell, point) in range.points().iter().enumerate().filter(|(_, point)| !point.z.is_nan()) {
-        let (column, row) = place(cell);
+        let (column, row) = place(cell, range);
         if point.z <= 0.0 {
             return Err(NoDepthMap::Behind { column, row, depth: point.z });
         }
@@ -182,7 +187,7 @@ fn check(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
             }
         }
     }
-    let (cells, (column, row)) = (farthest.0, place(farthest.1));
+    let (cells, (column, row)) = (farthest.0, place(farthest.1, range));
     if count == 0 { Ok(()) } else { Err(NoDepthMap::OffRay { count, column, row, cells }) }
 }
 
@@ -204,10 +209,10 @@ fn steps_per_mm(farthest: f64) -> f64 {
 }
 
 fn camera(range: &RangeImage, pinhole: &Pinhole, per_mm: f64) -> Vec<u8> {
-    let view = |pinhole: &Pinhole, [width, height]: [usize; 2]| {
+    fn view(pinhole: &Pinhole, [width, height]: [usize; 2]) -> serde_json::Value {
         let ([fx, fy], [cx, cy]) = (pinhole.focal, pinhole.center);
         json!({ "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy })
-    };
+    }
     let size = [range.width(), range.height()];
     let ([fx, fy], [cx, cy]) = (pinhole.focal, pinhole.center);
     let picture = range.registration();
@@ -265,16 +270,21 @@ mod tests {
     /// A slope seen by a pinhole, with a hole.
     fn slope() -> RangeImage {
         let pinhole = Pinhole { focal: [90.0, 95.0], center: [3.25, 2.5] };
-        let point = |cell: usize| {
-            let z = if cell == 9 { f64::NAN } else { 600.0 + 3.7 * cell as f64 };
-            pinhole.unproject([(cell % 8) as f64, (cell / 8) as f64], z)
-        };
         let color = Pinhole { focal: [180.0, 190.0], center: [7.0, 5.5] };
-        RangeImage::new(8, 6, (0..48).map(point).collect())
-            .unwrap()
-            .with_camera(Some(pinhole))
-            .with_registration(Registration::pinholes(&pinhole, &color, [16, 12]))
-            .with_world_from_camera(Some(Matrix4::new_translation(&[1.0, 2.0, 3.5].into())))
+        RangeImage::new(
+            8,
+            6,
+            (0..48)
+                .map(|cell: usize| {
+                    let z = if cell == 9 { f64::NAN } else { 600.0 + 3.7 * cell as f64 };
+                    pinhole.unproject([(cell % 8) as f64, (cell / 8) as f64], z)
+                })
+                .collect(),
+        )
+        .unwrap()
+        .with_camera(Some(pinhole))
+        .with_registration(Registration::pinholes(&pinhole, &color, [16, 12]))
+        .with_world_from_camera(Some(Matrix4::new_translation(&[1.0, 2.0, 3.5].into())))
     }
 
     #[test]
@@ -327,15 +337,15 @@ mod tests {
 
     #[test]
     fn what_a_depth_map_cannot_hold_is_said() {
-        let error = |range: &RangeImage| {
+        fn error(range: &RangeImage) -> NoDepthMap {
             let error = RangeDepthPng::write(range, "a.png").unwrap_err();
             error.downcast::<NoDepthMap>().cloned().unwrap()
-        };
-        let moved = |cell: usize, by: [f64; 3]| {
+        }
+        fn moved(cell: usize, by: [f64; 3]) -> RangeImage {
             let mut points = slope().points().to_vec();
             points[cell] += nalgebra::Vector3::from(by);
             slope().with_points(points).unwrap()
-        };
+        }
         assert_eq!(error(&slope().with_camera(None)), NoDepthMap::NoCamera);
         let behind = NoDepthMap::Behind { column: 2, row: 1, depth: -363.0 };
         assert_eq!(error(&moved(10, [0.0, 0.0, -1000.0])), behind);

@@ -162,8 +162,10 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
             }
             places.push(pose * at);
             if has_colors {
-                let byte = |channel: f32| (channel * 255.0).round() as u8;
-                let color = point.color.map(|color| [color.red, color.green, color.blue].map(byte));
+                let color = point.color.map(|color| {
+                    [color.red, color.green, color.blue]
+                        .map(|channel: f32| (channel * 255.0).round() as u8)
+                });
                 colors.push(color.unwrap_or_default());
             }
             if has_intensities {
@@ -303,14 +305,14 @@ mod tests {
     #[test]
     fn counts_are_checked_against_the_file() {
         let scans = E57Reader::new(Cursor::new(SCANS)).unwrap().pointclouds();
-        let error = |change: fn(&mut PointCloud)| {
-            let mut scans = scans.clone();
+        fn error(change: fn(&mut PointCloud), scans: &[PointCloud]) -> String {
+            let mut scans = scans.to_vec();
             change(&mut scans[0]);
             check(&scans, SCANS.len()).unwrap_err().to_string()
-        };
-        let told = error(|scan| scan.records = u64::MAX);
+        }
+        let told = error(|scan| scan.records = u64::MAX, &scans);
         assert!(told.contains("2 scans promise 18446744073709551616 points"), "{told}");
-        let told = error(|scan| scan.prototype.clear());
+        let told = error(|scan| scan.prototype.clear(), &scans);
         assert!(
             told.starts_with("the points of scan 0 have 0 fields, of which 0 may differ"),
             "{told}"
@@ -348,10 +350,12 @@ mod tests {
         let mut file = Cursor::new(Vec::new());
         let mut writer = E57Writer::new(&mut file, "a guid").unwrap();
         let nested = (0..5000).fold(String::new(), |text, k| format!("{text}<a xmlns:n{k}='b'>"));
-        let with = |xml: String| {
-            Ok(xml.replace("</e57Root>", &(nested.clone() + &"</a>".repeat(5000) + "</e57Root>")))
-        };
-        writer.finalize_customized_xml(with).unwrap();
+        writer
+            .finalize_customized_xml(|xml: String| {
+                Ok(xml
+                    .replace("</e57Root>", &(nested.clone() + &"</a>".repeat(5000) + "</e57Root>")))
+            })
+            .unwrap();
         drop(writer);
         assert_eq!(read(&file.into_inner()), Err(E57Error::Namespaces));
     }

@@ -73,9 +73,9 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, ExrError> {
         .flat_map(|layer| layer.channel_data.list.iter().map(|channel| (layer.size, channel)));
     let channels = Vec::from_iter(channels);
     let name = |channel: &::exr::image::AnyChannel<_>| channel.name.to_string();
-    let is_called = |word: &str, found: &str| {
+    fn is_called(word: &str, found: &str) -> bool {
         found.rsplit('.').next().is_some_and(|last| last.eq_ignore_ascii_case(word))
-    };
+    }
     let named = ["Z", "V", "Y", "depth"]
         .iter()
         .find_map(|word| channels.iter().find(|(_, channel)| is_called(word, &name(channel))));
@@ -84,8 +84,11 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, ExrError> {
         let channels = channels.iter().map(|(_, channel)| name(channel)).collect();
         return Err(ExrError::NoDepth { channels });
     };
-    let far = |z: f32| if z < FARTHEST { f64::from(z) } else { f64::NAN };
-    let depths = channel.sample_data.values_as_f32().map(far).collect();
+    let depths = channel
+        .sample_data
+        .values_as_f32()
+        .map(|z: f32| if z < FARTHEST { f64::from(z) } else { f64::NAN })
+        .collect();
     Ok(Depths { width: size.width(), height: size.height(), depths, whole: false })
 }
 
@@ -124,7 +127,7 @@ mod tests {
         ] {
             let read = read_depth(&file(channels)).unwrap();
             assert_eq!((read.width, read.height, read.whole), (3, 2, false));
-            let finite = Vec::from_iter(read.depths.iter().map(|z| z.is_finite().then_some(*z)));
+            let finite: Vec<_> = read.depths.iter().map(|z| z.is_finite().then_some(*z)).collect();
             assert_eq!(finite, [Some(1.5), Some(2.0), None, None, Some(0.25), Some(-1.0)]);
         }
     }

@@ -13,7 +13,9 @@ impl Finite {
         if first_not_finite(places).is_none() {
             return Self(None);
         }
-        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
+        fn is_finite(place: &Point3<f64>) -> bool {
+            place.coords.iter().all(|x| x.is_finite())
+        }
         let finite = places.iter().map(is_finite).collect();
         places.iter_mut().filter(|place| !is_finite(place)).for_each(|it| *it = Point3::origin());
         Self(Some(finite))
@@ -48,9 +50,11 @@ impl Finite {
     /// The mesh of the faces that have no corner elsewhere, and how many others there are.
     pub(super) fn mesh(&self, mesh: Mesh) -> (Mesh, usize) {
         let Some(finite) = &self.0 else { return (mesh, 0) };
-        let is_kept = |face: &[u32]| face.iter().all(|&vertex| finite[vertex as usize]);
-        let kept = (0..).zip(mesh.faces().iter()).filter(|(_, face)| is_kept(face));
-        let kept = Vec::from_iter(kept.map(|(index, _)| index));
+        fn is_kept(face: &[u32], finite: &[bool]) -> bool {
+            face.iter().all(|&vertex| finite[vertex as usize])
+        }
+        let kept = (0..).zip(mesh.faces().iter()).filter(|(_, face)| is_kept(face, finite));
+        let kept: Vec<_> = kept.map(|(index, _)| index).collect();
         (mesh.select(&kept), mesh.faces().len() - kept.len())
     }
 }

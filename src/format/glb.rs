@@ -192,8 +192,10 @@ fn parts(mesh: &Mesh) -> Result<Vec<(u32, Cow<'_, Mesh>)>, MeshError> {
             Cow::Owned(mesh.clone().with_vertex("normal", Attribute::Vector(normals.collect()))?)
         }
     };
-    let part = |(number, faces): (u32, Vec<u32>)| (number, Cow::Owned(whole.select(&faces)));
-    Ok(faces.into_iter().map(part).collect())
+    Ok(faces
+        .into_iter()
+        .map(|(number, faces): (u32, Vec<u32>)| (number, Cow::Owned(whole.select(&faces))))
+        .collect())
 }
 
 /// The file around the document and its buffer.
@@ -246,7 +248,9 @@ mod tests {
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.25)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
@@ -259,14 +263,19 @@ mod tests {
     /// The document and the buffer of a file, whose outer form is checked.
     fn parts(mesh: &Mesh) -> (Value, Vec<u8>) {
         let bytes = encode(mesh).unwrap();
-        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
-        assert_eq!((&bytes[..4], number(4), number(8)), (&b"glTF"[..], 2, bytes.len()));
-        let length = number(12);
+        fn number(at: usize, bytes: &[u8]) -> usize {
+            u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
+        }
+        assert_eq!(
+            (&bytes[..4], number(4, &bytes), number(8, &bytes)),
+            (&b"glTF"[..], 2, bytes.len())
+        );
+        let length = number(12, &bytes);
         assert_eq!((&bytes[16..20], length % 4), (&b"JSON"[..], 0));
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
         let binary = &bytes[20 + length..];
         assert_eq!((&binary[4..8], binary.len() % 4), (&b"BIN\0"[..], 0));
-        assert_eq!(number(20 + length), binary.len() - 8);
+        assert_eq!(number(20 + length, &bytes), binary.len() - 8);
         for view in document["bufferViews"].as_array().unwrap() {
             let [offset, length] =
                 ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap());
@@ -289,7 +298,7 @@ mod tests {
         let parts = parts(&mesh());
         let primitive = &parts.0["meshes"][0]["primitives"][0];
         let expected = [[0, 1, 2], [0, 2, 3], [1, 4, 2]].as_flattened().iter();
-        let expected = Vec::from_iter(expected.flat_map(|index: &u32| index.to_le_bytes()));
+        let expected: Vec<_> = expected.flat_map(|index: &u32| index.to_le_bytes()).collect();
         assert_eq!(data(&parts, &primitive["indices"]), expected);
         let accessor = &parts.0["accessors"][0];
         assert_eq!(accessor["min"], json!([0.0, 0.0, 0.25]));
@@ -314,7 +323,8 @@ mod tests {
         let parts = parts(&mesh);
         let primitive = &parts.0["meshes"][0]["primitives"][0];
         let expected = [0, 1, 2, 0, 2, 3, 4, 5, 6];
-        let expected = Vec::from_iter(expected.iter().flat_map(|index: &u32| index.to_le_bytes()));
+        let expected: Vec<_> =
+            expected.iter().flat_map(|index: &u32| index.to_le_bytes()).collect();
         assert_eq!(data(&parts, &primitive["indices"]), expected);
         let coordinates = data(&parts, &primitive["attributes"]["TEXCOORD_0"]);
         assert_eq!(coordinates[8..16], *floats([0.125, 0.75]).as_flattened());
@@ -349,7 +359,9 @@ mod tests {
 
     #[test]
     fn what_glb_cannot_hold_is_refused() {
-        let no_faces = || Faces::triangles(vec![]);
+        fn no_faces() -> Faces {
+            Faces::triangles(vec![])
+        }
         let empty = Mesh::new(vec![], no_faces()).unwrap();
         assert_eq!(encode(&empty).unwrap_err().downcast(), Some(&GlbError::Empty));
     }

@@ -67,10 +67,12 @@ fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
 /// If the text is no such file, or a number is not finite or not greater than 0 where it must be.
 pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let text = text(bytes)?;
-    let place = |offset: usize| At::Line(Place::of(text, offset).line);
+    fn place(offset: usize, text: &str) -> At {
+        At::Line(Place::of(text, offset).line)
+    }
     let (tree, mistakes) = maquette_syntax::parse(text);
     if let Some(mistake) = mistakes.into_iter().next() {
-        let at = place(mistake.span.start);
+        let at = place(mistake.span.start, text);
         return Err(HandlesFileError::Syntax { at, message: mistake.message });
     }
     let content = match &tree.kind {
@@ -78,7 +80,7 @@ pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFile
         _ => maquette_syntax::read_tree(&tree),
     };
     let content = content.map_err(|error| {
-        let at = place(error.span.map_or(0, |span| span.start));
+        let at = place(error.span.map_or(0, |span| span.start), text);
         HandlesFileError::Syntax { at, message: error.message }
     })?;
     Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
@@ -155,13 +157,20 @@ fn row(line: &str, columns: &[usize]) -> Result<Handle, String> {
     if count != columns.len() {
         return Err(format!("there are {count} entries for {} columns", columns.len()));
     }
-    let three = |first: usize| match [0, 1, 2].map(|axis| numbers[first + axis]) {
-        [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
-        [None, None, None] => Ok(None),
-        _ => Err(format!("of `{}` and its like all or none must be given", COLUMNS[first])),
-    };
-    let at = three(0)?.ok_or("there is no place")?;
-    Ok(Handle { at, to: three(3)?, sigma: three(6)?, weight: numbers[9].unwrap_or(1.0) })
+    fn three(first: usize, numbers: &[Option<f64>; 10]) -> Result<Option<[f64; 3]>, String> {
+        match [0, 1, 2].map(|axis| numbers[first + axis]) {
+            [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
+            [None, None, None] => Ok(None),
+            _ => Err(format!("of `{}` and its like all or none must be given", COLUMNS[first])),
+        }
+    }
+    let at = three(0, &numbers)?.ok_or("there is no place")?;
+    Ok(Handle {
+        at,
+        to: three(3, &numbers)?,
+        sigma: three(6, &numbers)?,
+        weight: numbers[9].unwrap_or(1.0),
+    })
 }
 
 /// Writes handles as [`read_json`] reads them.
@@ -261,13 +270,17 @@ mod tests {
 
     #[test]
     fn mistakes_have_a_line() {
-        let ron = |text: &str| read_ron(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string();
+        fn ron(text: &str) -> String {
+            read_ron(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string()
+        }
         assert_eq!(
             ron("[\n(at: (0, 0, 0), too: 1)]"),
             "line 2: unknown field `too`, expected one of `at`, `to`, `sigma`, `weight`"
         );
         assert!(ron("[\n\n(at: (0, 0]").starts_with("line 3: "), "{}", ron("[\n\n(at: (0, 0]"));
-        let csv = |text: &str| read_csv(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string();
+        fn csv(text: &str) -> String {
+            read_csv(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string()
+        }
         assert_eq!(csv("x,y,z\n0,0,0\n0,a,0"), "line 3: `a` is not a number");
         assert_eq!(csv("x,y,z\n0,0"), "line 2: there are 2 entries for 3 columns");
         assert!(csv("x,y,w\n").ends_with("`w` is none of them"));

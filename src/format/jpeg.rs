@@ -72,14 +72,16 @@ pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
     let outline = outline(bytes);
     let copies = outline.as_ref().map_or(1, Outline::copies);
     let file = File { format: "JPEG", bytes, copies };
-    let check = |width, height| {
-        let [width, height] = [width, height].map(|side: u32| side as usize);
-        if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
-            return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
-        }
-        outline.as_ref().map(|_| ()).ok_or(JpegError::Ends { bytes: bytes.len() })
-    };
-    file.picture(|| Strict::new(bytes), check)
+    file.picture(
+        || Strict::new(bytes),
+        |width, height| {
+            let [width, height] = [width, height].map(|side: u32| side as usize);
+            if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
+                return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
+            }
+            outline.as_ref().map(|_| ()).ok_or(JpegError::Ends { bytes: bytes.len() })
+        },
+    )
 }
 
 /// The decoder that `image` uses, too, but strict: `image` lets it make gray of what is missing inside the picture.

@@ -77,17 +77,16 @@ impl FileFormat for ControlNetJson {
 
     fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
         let columns = net.columns();
-        let points = |points: &[nalgebra::Point3<f64>]| {
-            let row = |row: &[nalgebra::Point3<f64>]| {
+        fn points(points: &[nalgebra::Point3<f64>], columns: usize) -> Value {
+            Value::from_iter(points.chunks(columns).map(|row| {
                 Value::from_iter(row.iter().map(|point| json!(point.coords.as_slice())))
-            };
-            Value::from_iter(points.chunks(columns).map(row))
-        };
+            }))
+        }
         let document = json!({
             "rows": net.rows(),
             "columns": columns,
-            "points": points(net.points()),
-            "base": points(net.base()),
+            "points": points(net.points(), columns),
+            "base": points(net.base(), columns),
             "weights": Value::from_iter(net.weights().chunks(columns).map(|row| json!(row))),
             "fixed": Value::from_iter(net.fixed().chunks(columns).map(|row| json!(row))),
         });
@@ -120,10 +119,11 @@ pub(super) fn print(document: &Value) -> Vec<u8> {
 }
 
 fn push(text: &mut String, value: &Value, depth: usize) {
-    let is_plain = |value: &Value| !value.is_array() && !value.is_object();
     match value {
-        Value::Array(items) if items.iter().all(is_plain) => {
-            let items = Vec::from_iter(items.iter().map(Value::to_string));
+        Value::Array(items)
+            if items.iter().all(|value| !value.is_array() && !value.is_object()) =>
+        {
+            let items: Vec<_> = items.iter().map(Value::to_string).collect();
             text.push_str(&format!("[{}]", items.join(", ")));
         }
         Value::Array(items) => {
@@ -172,7 +172,9 @@ mod tests {
     #[test]
     fn a_trace_is_its_steps() {
         use maquette_value::TraceStep;
-        let step = |iteration, max| TraceStep { iteration, max, rms: 0.25 };
+        fn step(iteration: u64, max: f64) -> TraceStep {
+            TraceStep { iteration, max, rms: 0.25 }
+        }
         check::<TraceJson>(
             &Trace::new(vec![step(0, f64::INFINITY), step(2, 0.5)]).unwrap(),
             expect![[r#"

@@ -83,12 +83,16 @@ pub fn read(bytes: &[u8]) -> Result<Points, LasError> {
         return Err(LasError::Empty);
     }
     let places = data.x().zip(data.y()).zip(data.z());
-    let mut points = Points::new(Vec::from_iter(places.map(|((x, y), z)| Point3::new(x, y, z))))?;
+    let mut points =
+        Points::new(places.map(|((x, y), z)| Point3::new(x, y, z)).collect::<Vec<_>>())?;
     let most = data.rgb().into_iter().flatten().flat_map(<[u16; 3]>::from).max().unwrap_or(0);
     if let Some(colors) = data.rgb().filter(|_| most > 0) {
         let shift = if most < 256 { 0 } else { 8 };
-        let byte = |channel: u16| (channel >> shift) as u8;
-        let colors = colors.map(|(red, green, blue)| [red, green, blue].map(byte)).collect();
+        let colors = colors
+            .map(|(red, green, blue)| {
+                [red, green, blue].map(|channel: u16| (channel >> shift) as u8)
+            })
+            .collect();
         points = points.with_attribute("color", Attribute::Color(colors))?;
     }
     if data.intensity().any(|intensity| intensity > 0) {
@@ -203,11 +207,11 @@ mod tests {
 
     #[test]
     fn files_that_lie_are_refused_with_numbers() {
-        let error = |at: usize, bytes: &[u8]| {
+        fn error(at: usize, bytes: &[u8]) -> String {
             let mut file = BYTES.to_vec();
             file[at..at + bytes.len()].copy_from_slice(bytes);
             read(&file).unwrap_err().to_string()
-        };
+        }
         assert_eq!(error(0, b"LAZF"), "the file begins with `LAZF`, where a LAS file has `LASF`");
         assert!(error(104, &[0x82]).contains("its points are compressed (LAZ)"));
         assert_eq!(

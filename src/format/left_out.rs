@@ -27,38 +27,47 @@ pub(super) fn flags_of_mesh(mesh: &Mesh) -> Option<String> {
 /// A warning that names what of a mesh is left out of a file whose writer keeps or changes what is listed, if anything is. Normals are no
 /// loss: whoever reads the file computes them.
 pub(super) fn of_mesh(mesh: &Mesh, held: Fidelities) -> Option<String> {
-    let is_lost = |kind: DataKind| !held.iter().any(|(listed, _)| *listed == kind);
-    let lost_of = |attributes: &Attributes, color, uv: Option<DataKind>, other| {
-        let is_mark = |name: &str, attribute: &Attribute| {
+    fn is_lost(kind: DataKind, held: &[(DataKind, Fidelity)]) -> bool {
+        !held.iter().any(|(listed, _)| *listed == kind)
+    }
+    fn lost_of(
+        attributes: &Attributes,
+        color: DataKind,
+        uv: Option<DataKind>,
+        other: DataKind,
+        held: &[(DataKind, Fidelity)],
+    ) -> Vec<String> {
+        fn is_mark(name: &str, attribute: &Attribute) -> bool {
             MARKS.contains(&name) && matches!(attribute, Attribute::Flag(_))
-        };
+        }
         let seen = attributes.iter().filter(|(name, attribute)| !is_mark(name, attribute));
         let names = seen.map(|(name, _)| name.to_owned());
-        let is_left_out = |name: &String| match &name[..] {
-            "normal" => false,
-            "color" => is_lost(color),
-            "uv" => is_lost(uv.unwrap_or(other)),
-            _ => is_lost(other),
-        };
-        Vec::from_iter(names.filter(is_left_out))
-    };
+        names
+            .filter(|name| match &name[..] {
+                "normal" => false,
+                "color" => is_lost(color, held),
+                "uv" => is_lost(uv.unwrap_or(other), held),
+                _ => is_lost(other, held),
+            })
+            .collect::<Vec<_>>()
+    }
     // The numbers of materials are told of as these.
     let of_faces = match mesh.face_materials() {
         Some(_) => mesh.clone().without_face(MATERIAL).face().clone(),
         None => mesh.face().clone(),
     };
     let domains = [
-        (lost_of(mesh.vertex(), VertexColors, Some(VertexUv), VertexAttributes), "vertices"),
-        (lost_of(mesh.corner(), CornerColors, Some(CornerUv), CornerAttributes), "corners"),
-        (lost_of(&of_faces, FaceColors, None, FaceAttributes), "faces"),
+        (lost_of(mesh.vertex(), VertexColors, Some(VertexUv), VertexAttributes, held), "vertices"),
+        (lost_of(mesh.corner(), CornerColors, Some(CornerUv), CornerAttributes, held), "corners"),
+        (lost_of(&of_faces, FaceColors, None, FaceAttributes, held), "faces"),
     ];
     let named = domains.iter().filter(|(names, _)| !names.is_empty());
     let mut lost =
-        Vec::from_iter(named.map(|(names, domain)| format!("{} of {domain}", quoted(names))));
-    if mesh.creases().len() > 0 && is_lost(Creases) {
+        named.map(|(names, domain)| format!("{} of {domain}", quoted(names))).collect::<Vec<_>>();
+    if mesh.creases().len() > 0 && is_lost(Creases, held) {
         lost.push("creases".to_owned());
     }
-    if mesh.texture().is_some() && is_lost(Pictures) {
+    if mesh.texture().is_some() && is_lost(Pictures, held) {
         lost.push("the picture".to_owned());
     }
     let keeps_materials = held.contains(&(Materials, Fidelity::Kept));
@@ -89,13 +98,13 @@ pub(super) fn of_materials(mesh: &Mesh, is_known: impl Fn(&str, &str) -> bool) -
 /// A warning that names attributes of points that are left out of a file, if any is.
 pub(super) fn of_points(points: &Points, held: &[&str]) -> Option<String> {
     let names = points.attributes().iter().map(|(name, _)| name.to_owned());
-    let names = Vec::from_iter(names.filter(|name| !held.contains(&&name[..])));
+    let names: Vec<_> = names.filter(|name| !held.contains(&&name[..])).collect();
     warning(&Vec::from_iter((!names.is_empty()).then(|| quoted(&names))))
 }
 
 /// A warning about data of a file's points that a range image does not hold, if there is any.
 pub(super) fn of_range<'a>(names: impl Iterator<Item = &'a str>) -> Option<String> {
-    let names = Vec::from_iter(names.map(|name| format!("`{name}`")));
+    let names: Vec<_> = names.map(|name| format!("`{name}`")).collect();
     (!names.is_empty()).then(|| {
         let verb = if names.len() == 1 { "is" } else { "are" };
         format!("{} {verb} left out: a range image has points and colors only", names.join(", "))
@@ -103,7 +112,7 @@ pub(super) fn of_range<'a>(names: impl Iterator<Item = &'a str>) -> Option<Strin
 }
 
 fn quoted(names: &[String]) -> String {
-    Vec::from_iter(names.iter().map(|name| format!("`{name}`"))).join(", ")
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }
 
 /// The warning about what is lost, if anything is.
@@ -132,7 +141,9 @@ mod tests {
         let mesh = mesh.with_vertex("color", Attribute::Color(vec![[1; 3]; 3].into())).unwrap();
         assert_eq!(of_mesh(&mesh, held), None);
         let mesh = mesh.with_vertex("heat", Attribute::Number(vec![1.0; 3].into())).unwrap();
-        let told = |all: &str| Some(format!("such a file does not hold {all}, which is left out"));
+        fn told(all: &str) -> Option<String> {
+            Some(format!("such a file does not hold {all}, which is left out"))
+        }
         assert_eq!(of_mesh(&mesh, held), told("`heat` of vertices"));
         let mesh = mesh.with_vertex("uv", Attribute::Pair(vec![[0.0; 2]; 3].into())).unwrap();
         let mesh = mesh.with_face("part", Attribute::Index(vec![4].into())).unwrap();
@@ -141,15 +152,15 @@ mod tests {
         let all = "`heat` of vertices, `part` of faces and creases";
         assert_eq!(of_mesh(&mesh, held), told(all));
         assert_eq!(of_mesh(&mesh, fidelity::PLY), told("creases"));
-        let flags = |name: &str| {
+        fn flags(name: &str, places: &[Point3<f64>; 3]) -> Mesh {
             let mesh = Mesh::new(places.to_vec(), Faces::triangles(vec![[0, 1, 2]])).unwrap();
             mesh.with_vertex(name, Attribute::Flag(vec![1; 3].into())).unwrap()
-        };
-        assert_eq!(of_mesh(&flags("seen"), held), told("`seen` of vertices"));
-        assert_eq!(flags_of_mesh(&flags("seen")), told("`seen` of vertices"));
-        assert_eq!(of_mesh(&flags("seen"), fidelity::PLY), None);
+        }
+        assert_eq!(of_mesh(&flags("seen", &places), held), told("`seen` of vertices"));
+        assert_eq!(flags_of_mesh(&flags("seen", &places)), told("`seen` of vertices"));
+        assert_eq!(of_mesh(&flags("seen", &places), fidelity::PLY), None);
         assert_eq!(
-            (of_mesh(&flags("filled"), held), flags_of_mesh(&flags("filled"))),
+            (of_mesh(&flags("filled", &places), held), flags_of_mesh(&flags("filled", &places))),
             (None, None)
         );
         let points = Points::new(places.to_vec()).unwrap();

@@ -13,7 +13,7 @@ use nalgebra::Point3;
 use crate::{FORMATS, png};
 
 fn picture(seed: u8) -> Column<u8> {
-    let pixels = Vec::from_iter((0..4).map(|k: u8| [seed, 60 * k, 255 - seed]));
+    let pixels: Vec<_> = (0..4).map(|k: u8| [seed, 60 * k, 255 - seed]).collect();
     png::encode_rgb(&Image::new(2, 2, pixels).unwrap()).unwrap().into()
 }
 
@@ -23,7 +23,9 @@ fn map(seed: u8) -> Map {
 
 /// Two squares beside each other, with texture coordinates beyond the border of the picture.
 fn squares() -> Mesh {
-    let at = |x: u32, y: u32| Point3::new(f64::from(x), f64::from(y), 0.0);
+    fn at(x: u32, y: u32) -> Point3<f64> {
+        Point3::new(f64::from(x), f64::from(y), 0.0)
+    }
     let places = vec![at(0, 0), at(1, 0), at(2, 0), at(0, 1), at(1, 1), at(2, 1)];
     let faces = vec![[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]];
     let uv = places.iter().map(|place| [2.0 * place.x - 0.5, place.y + 0.25]).collect();
@@ -34,7 +36,9 @@ fn squares() -> Mesh {
 /// A material with everything that glTF and MTL both know, whose picture is that of its map.
 fn rich(base_color: [f64; 4]) -> Material {
     let base = map(10);
-    let packed = |channel| Map { channel: Some(channel), ..map(20) };
+    fn packed(channel: u8) -> Map {
+        Map { channel: Some(channel), ..map(20) }
+    }
     let picture = crate::picture_file::read(&base.bytes).unwrap();
     Material {
         name: "skin".to_owned(),
@@ -103,11 +107,13 @@ fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
         ..Material::default()
     };
     // Occlusion on coordinates of its own, and all others moved.
-    let moved = |kind: &MapKind, map: &mut Map| match kind {
-        MapKind::Occlusion => map.uv = "uv1".to_owned(),
-        _ => map.transform = transform,
-    };
-    skin.maps.iter_mut().for_each(|(kind, map)| moved(kind, map));
+    fn moved(kind: &MapKind, map: &mut Map, transform: &UvTransform) {
+        match kind {
+            MapKind::Occlusion => map.uv = "uv1".to_owned(),
+            _ => map.transform = *transform,
+        }
+    }
+    skin.maps.iter_mut().for_each(|(kind, map)| moved(kind, map, &transform));
     let second = Attribute::Pair((0..6).map(|k| [f64::from(k) / 8.0, 0.5]).collect());
     let colors = Attribute::Color([[255, 255, 255], [255, 0, 0], [255, 0, 0]].repeat(2).into());
     let ring = Attribute::Index((0..6).collect());
@@ -125,8 +131,7 @@ fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
     assert_eq!(again.face().get(MATERIAL), mesh.face().get(MATERIAL));
     // Each material has vertices of its own in the file, so that they come in another order.
     let places = again.positions().iter().map(|place| {
-        let is_it = |it: &Point3<f64>| (it - place).norm() < 1e-6;
-        mesh.positions().iter().position(is_it).unwrap() as u32
+        mesh.positions().iter().position(|it| (it - place).norm() < 1e-6).unwrap() as u32
     });
     let places = Vec::from_iter(places);
     for name in ["uv1", "ring", "weight"] {
@@ -136,7 +141,9 @@ fn materials_travel_through_glb_with_the_bytes_of_their_pictures() {
     // The picture is not multiplied with the colors of vertices.
     let colors = again.corner().colors("color").unwrap();
     assert_eq!((colors[0], colors[6]), ([255; 3], [255, 0, 0]));
-    let near = |a: &[f64; 2], b: &[f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-6);
+    fn near(a: &[f64; 2], b: &[f64; 2]) -> bool {
+        (0..2).all(|k| (a[k] - b[k]).abs() < 1e-6)
+    }
     let [before, after] = [&mesh, &again].map(corner_uv);
     assert!(before.iter().zip(&after).all(|(a, b)| near(a, b)), "{before:?} {after:?}");
     // From here on nothing changes, and each picture is there once, byte for byte.
@@ -170,7 +177,7 @@ fn materials_travel_through_obj_with_the_files_of_their_pictures() {
     // Faces keep their order.
     assert_eq!(again.face().get(MATERIAL), mesh.face().get(MATERIAL));
     assert_eq!(again.faces(), mesh.faces());
-    let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+    let names: Vec<_> = files.iter().map(|file| &*file.name).collect();
     let pictures = ["it_10.png", "it_30.png", "it_20.png", "it_128.png", "it_ks.png"];
     assert_eq!(names, [&["it.obj", "it.mtl"][..], &pictures].concat());
     assert_eq!(files[2].bytes[..], picture(10)[..]);
@@ -185,10 +192,10 @@ fn materials_go_from_one_format_to_the_other() {
     let mesh = squares().with_materials([skin]);
     let (of_obj, _) = through(&mesh, "obj");
     let (of_both, _) = through(&of_obj, "glb");
-    let bytes = |mesh: &Mesh| {
+    fn bytes(mesh: &Mesh) -> Vec<(MapKind, Column<u8>, Option<u8>)> {
         let maps = mesh.materials()[0].maps.clone();
-        Vec::from_iter(maps.into_iter().map(|(kind, map)| (kind, map.bytes, map.channel)))
-    };
+        maps.into_iter().map(|(kind, map)| (kind, map.bytes, map.channel)).collect::<Vec<_>>()
+    }
     assert_eq!(bytes(&of_both), bytes(&mesh));
     // Metal and roughness in files of their own become one picture.
     let mut apart = of_obj.materials()[0].clone();
@@ -219,7 +226,7 @@ fn materials_that_no_face_has_are_left_out_and_faces_before_the_first_one_have_n
     let file = Reading::new("a.obj", obj.as_bytes(), &beside);
     let mesh = crate::read::<Mesh>(&file).unwrap();
     assert_eq!(file.doubts(), ["there is no material `gone` in `a.mtl`"]);
-    let names = Vec::from_iter(mesh.materials().iter().map(|material| &*material.name));
+    let names: Vec<_> = mesh.materials().iter().map(|material| &*material.name).collect();
     assert_eq!(names, ["red", ""]);
     assert_eq!(mesh.face_materials().map(|all| all.to_vec()), Some(vec![1, 0]));
 }

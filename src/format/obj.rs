@@ -249,7 +249,9 @@ impl Reader {
 
     /// Colors of vertices in their order, each eight hexadecimal digits: a mask, red, green, blue.
     fn read_painted(&mut self, text: &[u8]) {
-        let byte = |digits: &[u8]| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok();
+        fn byte(digits: &[u8]) -> Option<u8> {
+            u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok()
+        }
         let color =
             |entry: &[u8]| Some([byte(&entry[2..4])?, byte(&entry[4..6])?, byte(&entry[6..8])?]);
         self.painted.extend(text.chunks_exact(8).map_while(color));
@@ -302,11 +304,10 @@ impl Reader {
             return Err(ObjError::Missing { line, what: KINDS[kind], index, count: counts[kind] });
         }
         let mut notes = self.faces.notes();
-        let line = |(word, count): (&String, &usize)| match count {
+        notes.extend(self.left_out.iter().map(|(word, count): (&String, &usize)| match count {
             1 => format!("a line `{word}` is left out"),
             more => format!("{more} lines `{word}` are left out"),
-        };
-        notes.extend(self.left_out.iter().map(line));
+        }));
         let finite = Finite::of(&mut self.positions);
         let colors = self.take_colors(&mut notes);
         let mesh = self.into_mesh(colors, none, &mut notes).map_err(ObjError::Mesh)?;
@@ -381,14 +382,18 @@ impl Reader {
 
 /// Whether the fourth numbers behind the vertices are opacities: all are the largest of their range, and the first ones are not.
 fn is_opacity(behind: &[[f64; 4]]) -> bool {
-    let all = |k: usize| behind.iter().all(|numbers| numbers[k] == behind[0][k]);
-    all(3) && !all(0) && [1.0, 255.0].contains(&behind[0][3])
+    fn all(k: usize, behind: &[[f64; 4]]) -> bool {
+        behind.iter().all(|numbers| numbers[k] == behind[0][k])
+    }
+    all(3, behind) && !all(0, behind) && [1.0, 255.0].contains(&behind[0][3])
 }
 
 /// The data of the corners that were kept; `none` for a corner without.
 fn corner_data<T: Copy>(data: &[T], corners: &[u32], origins: &[usize], none: T) -> Vec<T> {
-    let entry = |&origin: &usize| data.get(corners[origin] as usize).copied().unwrap_or(none);
-    origins.iter().map(entry).collect()
+    origins
+        .iter()
+        .map(|&origin| data.get(corners[origin] as usize).copied().unwrap_or(none))
+        .collect()
 }
 
 #[cfg(test)]
@@ -447,10 +452,10 @@ mod tests {
 
     #[test]
     fn colors_are_read_in_whatever_range_they_are() {
-        let colors = |text: &str| {
+        fn colors(text: &str) -> (Option<Vec<[u8; 3]>>, Vec<String>) {
             let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
             (mesh.vertex().colors("color").map(|colors| colors.to_vec()), notes)
-        };
+        }
         let expected = Some(vec![[255, 0, 0], [10, 200, 30]]);
         let to_255 = "colors are read as from 0 to 255, as their largest number says; `colors: To255` or another range says otherwise";
         for file in [
@@ -469,10 +474,10 @@ mod tests {
 
     #[test]
     fn what_other_programs_write_is_read_and_what_is_left_out_is_told() {
-        let read = |text: &str| {
+        fn read(text: &str) -> (Mesh, Vec<String>) {
             let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
             (mesh, notes)
-        };
+        }
         let tetrahedron =
             "v 0 0 0\nv 10 0 0\nv 0 20 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
         let (whole, notes) = read(tetrahedron);
@@ -522,15 +527,17 @@ mod tests {
     #[test]
     fn files_that_lie_are_refused_with_their_line() {
         let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
-        let face = |line: &str| error(&format!("{vertices}{line}"));
-        assert_eq!(face("f 1 2 4"), "line 4: there is no v 4: the file has 3");
-        assert_eq!(face("f 1 2 -4"), "line 4: there is no v -4 among the 3 so far");
-        assert_eq!(face("f 1 2 0"), "line 4: there is no v 0 among the 3 so far");
-        assert_eq!(face("f 1/1 2 3"), "line 4: there is no vt 1: the file has 0");
-        assert_eq!(face("f 1 2 \\\n x"), "line 4: `x` is not a corner of a face");
-        assert_eq!(face("f 1 2 3////"), "line 4: `3////` is not a corner of a face");
+        fn face(line: &str, vertices: &str) -> String {
+            error(&format!("{vertices}{line}"))
+        }
+        assert_eq!(face("f 1 2 4", vertices), "line 4: there is no v 4: the file has 3");
+        assert_eq!(face("f 1 2 -4", vertices), "line 4: there is no v -4 among the 3 so far");
+        assert_eq!(face("f 1 2 0", vertices), "line 4: there is no v 0 among the 3 so far");
+        assert_eq!(face("f 1/1 2 3", vertices), "line 4: there is no vt 1: the file has 0");
+        assert_eq!(face("f 1 2 \\\n x", vertices), "line 4: `x` is not a corner of a face");
+        assert_eq!(face("f 1 2 3////", vertices), "line 4: `3////` is not a corner of a face");
         assert_eq!(
-            face("f -9223372036854775808 2 3"),
+            face("f -9223372036854775808 2 3", vertices),
             "line 4: there is no v -9223372036854775808 among the 3 so far"
         );
         assert_eq!(error("v 0 0"), "line 1: 2 numbers, where there must be at least 3");

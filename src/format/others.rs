@@ -27,10 +27,10 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
 
 /// What a mesh is, in a line.
 fn mesh(mesh: &Mesh) -> String {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
     let area = mesh.faces().iter().flat_map(|face| {
         face[1..].windows(2).map(|pair| {
-            let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
+            let [a, b, c] =
+                [face[0], pair[0], pair[1]].map(|vertex: u32| mesh.positions()[vertex as usize]);
             (b - a).cross(&(c - a)).norm() / 2.0
         })
     });
@@ -48,9 +48,21 @@ fn mesh(mesh: &Mesh) -> String {
                 write!(text, " {:?}", &colors[..colors.len().min(4)]).unwrap();
             }
             if let Some(pairs) = attributes.pairs(name) {
-                let most = |k: usize| pairs.iter().map(|pair| pair[k]).fold(f64::MIN, f64::max);
-                let least = |k: usize| pairs.iter().map(|pair| pair[k]).fold(f64::MAX, f64::min);
-                write!(text, " {}..{} {}..{}", least(0), most(0), least(1), most(1)).unwrap();
+                fn most(k: usize, pairs: &maquette_value::Column<[f64; 2]>) -> f64 {
+                    pairs.iter().map(|pair| pair[k]).fold(f64::MIN, f64::max)
+                }
+                fn least(k: usize, pairs: &maquette_value::Column<[f64; 2]>) -> f64 {
+                    pairs.iter().map(|pair| pair[k]).fold(f64::MAX, f64::min)
+                }
+                write!(
+                    text,
+                    " {}..{} {}..{}",
+                    least(0, pairs),
+                    most(0, pairs),
+                    least(1, pairs),
+                    most(1, pairs)
+                )
+                .unwrap();
             }
         }
     }
@@ -60,7 +72,7 @@ fn mesh(mesh: &Mesh) -> String {
     for material in mesh.materials().iter().filter(|material| !material.is_plain()) {
         let maps = material.maps.iter().map(|(kind, map)| format!("{kind:?} {}", map.file));
         let others = material.others.iter().map(|(name, words)| format!("{name} {words}"));
-        let all = Vec::from_iter(maps.chain(others)).join(", ");
+        let all = maps.chain(others).collect::<Vec<_>>().join(", ");
         let Material { name, base_color, metallic, roughness, .. } = material;
         write!(text, "\n    material `{name}` {base_color:?} {metallic} {roughness}: {all}")
             .unwrap();

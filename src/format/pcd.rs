@@ -179,32 +179,37 @@ fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<S
     }
     let mut points = Points::new(places).expect("places are finite");
     let of_each = "an entry was read for each point";
-    let three = |fields: [Field; 3]| {
-        let only = Header { place: fields, color: None, others: Vec::new(), ..header };
-        Ok::<_, PcdError>(cells(&only, bytes, Point3::from)?.0)
-    };
+    fn three(
+        fields: [Field; 3],
+        header: &Header,
+        bytes: &[u8],
+    ) -> Result<Vec<Point3<f64>>, PcdError> {
+        let only = Header { place: fields, color: None, others: Vec::new(), ..*header };
+        Ok(cells(&only, bytes, Point3::from)?.0)
+    }
     if header.color.is_some() {
         points = points.with_attribute("color", Attribute::Color(colors.into())).expect(of_each);
     } else if let Some(fields) = header.channels {
-        let channels = three(fields)?;
+        let channels = three(fields, &header, bytes)?;
         let all = || channels.iter().flat_map(|color| color.iter().copied());
         let are_whole = all().all(|channel| channel.fract() == 0.0);
         let range = colors::decide(range, all(), are_whole, ColorRange::To255, &mut notes);
-        let color = |color: &Point3<f64>| {
-            [color.x, color.y, color.z].map(|channel| colors::byte(range, channel))
-        };
-        let colors = channels.iter().map(color).collect();
+        let colors = channels
+            .iter()
+            .map(|color| [color.x, color.y, color.z].map(|channel| colors::byte(range, channel)))
+            .collect();
         points = points.with_attribute("color", Attribute::Color(colors)).expect(of_each);
     }
     if let Some(fields) = header.normal {
         // Who could not tell a normal wrote NaN.
-        let mut normals = Vec::from_iter(three(fields)?.iter().map(|normal| normal.coords.into()));
+        let mut normals: Vec<_> =
+            three(fields, &header, bytes)?.iter().map(|normal| normal.coords.into()).collect();
         notes.extend(finite::mend(&mut normals, "normal", "point", |index| finite.contains(index)));
         points = points.with_attribute("normal", Attribute::Vector(normals.into())).expect(of_each);
     }
     for some in header.others.chunks(3) {
-        let field = |k: usize| some.get(k).unwrap_or(&some[0]).1;
-        let numbers = three([0, 1, 2].map(field))?;
+        let numbers =
+            three([0, 1, 2].map(|k: usize| some.get(k).unwrap_or(&some[0]).1), &header, bytes)?;
         for (k, (name, _)) in some.iter().enumerate() {
             let column = numbers.iter().map(|numbers| numbers[k]).collect();
             points = points.with_attribute(name, Attribute::Number(column)).expect(of_each);
@@ -224,8 +229,11 @@ fn cells(
         Encoding::Ascii => ascii(header, body, place),
         Encoding::Binary => {
             need(header, body, header.width * header.height * header.stride)?;
-            let rows = |index: usize, field: &Field| &body[index * header.stride + field.offset..];
-            Ok(gather(header, rows, place))
+            Ok(gather(
+                header,
+                |index: usize, field| &body[index * header.stride + field.offset..],
+                place,
+            ))
         }
         Encoding::Compressed => {
             let columns = unpack(header, body)?;
@@ -289,10 +297,12 @@ fn gather<'a>(
         let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
         cells().map(|index| point(place.each_ref().map(|field| coordinate(index, field)))).collect()
     };
-    let color = |field: &Field| {
-        cells().map(|index| unpack_color(header::first(bytes(index, field)))).collect()
-    };
-    (points, header.color.as_ref().map_or_else(Vec::new, color))
+    (
+        points,
+        header.color.as_ref().map_or_else(Vec::new, |field| {
+            cells().map(|index| unpack_color(header::first(bytes(index, field)))).collect()
+        }),
+    )
 }
 
 /// Cells that one task reads.
@@ -396,27 +406,32 @@ pub fn encode(range: &RangeImage) -> Result<Vec<u8>, TooFar> {
         Some(_) => ("x y z rgb", 4),
         None => ("x y z", 3),
     };
-    let repeated = |word: &str| vec![word; per_field].join(" ");
+    fn repeated(word: &str, per_field: usize) -> String {
+        vec![word; per_field].join(" ")
+    }
     let header = format!(
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {names}\nSIZE {}\nTYPE {}\nCOUNT {}\n\
          WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n",
-        repeated("4"),
-        repeated("F"),
-        repeated("1"),
+        repeated("4", per_field),
+        repeated("F", per_field),
+        repeated("1", per_field),
         range.points().len(),
     );
     let stride = 4 * per_field;
     let mut bytes = vec![0; header.len() + stride * range.points().len()];
     let (head, body) = bytes.split_at_mut(header.len());
     head.copy_from_slice(header.as_bytes());
-    let coordinate = |x: f64| if x.is_nan() { f32::NAN } else { x as f32 };
+    fn coordinate(x: f64) -> f32 {
+        if x.is_nan() { f32::NAN } else { x as f32 }
+    }
     fill_blocks(body, stride, |rows, first| {
         fill_column(rows, stride, 0, &range.points()[first..], |point| {
             <[f64; 3]>::from(point.coords).map(|x| coordinate(x).to_le_bytes())
         });
         if let Some(colors) = range.colors() {
-            let packed = |&[red, green, blue]: &Rgb| [blue, green, red, 0];
-            fill_column(rows, stride, 12, &colors[first..], packed);
+            fill_column(rows, stride, 12, &colors[first..], |&[red, green, blue]| {
+                [blue, green, red, 0]
+            });
         }
     });
     Ok(bytes)
@@ -564,9 +579,14 @@ mod tests {
         let attributes = points.attributes();
         assert_eq!(attributes.colors("color").unwrap()[..], [[255, 0, 0], [10, 20, 30]]);
         assert_eq!(attributes.vectors("normal").unwrap()[1], [0.0, 1.0, 0.0]);
-        let number = |name: &str| attributes.get(name).cloned();
-        assert_eq!(number("ring"), Some(Attribute::Number(vec![7.0, 8.0].into())));
-        assert_eq!(number("histogram_1"), Some(Attribute::Number(vec![0.25, 2.0].into())));
+        fn number(name: &str, attributes: &maquette_value::Attributes) -> Option<Attribute> {
+            attributes.get(name).cloned()
+        }
+        assert_eq!(number("ring", attributes), Some(Attribute::Number(vec![7.0, 8.0].into())));
+        assert_eq!(
+            number("histogram_1", attributes),
+            Some(Attribute::Number(vec![0.25, 2.0].into()))
+        );
         assert_eq!(attributes.iter().count(), 5);
         assert_eq!(notes.len(), 1, "{notes:?}");
     }

@@ -122,7 +122,9 @@ impl FileReader for MaskFiles {
 
     fn read(file: &Reading<'_>) -> Result<Mask, maquette_syntax::error::Error> {
         let image = read_upright(file.bytes())?;
-        let is_light = |[r, g, b]: &Rgb| u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128;
+        fn is_light([r, g, b]: &Rgb) -> bool {
+            u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128
+        }
         let inside = image.pixels().iter().map(|pixel| u8::from(is_light(pixel)));
         Ok(Mask::new(image.width(), image.height(), inside.collect())?)
     }

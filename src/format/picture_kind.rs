@@ -37,8 +37,10 @@ impl Kind {
         ];
         let mut starts = STARTS.iter().filter(|(start, _)| bytes.starts_with(start));
         // Sounds and films are RIFF files, too.
-        let is_it = |kind: &Self| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP");
-        starts.next().map(|&(_, kind)| kind).filter(is_it)
+        starts
+            .next()
+            .map(|&(_, kind)| kind)
+            .filter(|kind| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP"))
     }
 
     /// Returns the file extension, without the dot.

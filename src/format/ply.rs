@@ -65,7 +65,9 @@ fn read_whole(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents,
     let has_strips = header.elements.iter().any(|element| element.name == STRIPS);
     for element in &header.elements {
         body.check_room(element)?;
-        let is_list = |property: &Property| property.length.is_some();
+        fn is_list(property: &Property) -> bool {
+            property.length.is_some()
+        }
         let has_list = element.properties.iter().any(is_list);
         match &*element.name {
             "vertex" if vertices.is_none() => {
@@ -196,11 +198,11 @@ mod tests {
 
     #[test]
     fn a_line_with_a_number_too_few_or_too_many_shifts_nothing() {
-        let file = |rows: &str| {
+        fn file(rows: &str) -> Result<Mesh, PlyError> {
             let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
                 element face 1\nproperty list uchar int vertex_indices\nend_header\n";
             read(format!("{header}{rows}").as_bytes())
-        };
+        }
         // Spaces, any ends of lines, and rows of several lines are no mistake.
         for fine in [
             "0 0 0\n1 0 0 \t\n0 1 0\n3 0 1 2",
@@ -253,8 +255,11 @@ mod tests {
         assert_eq!(ascii.positions().len(), 43);
         assert_eq!(ascii.positions(), crlf.positions());
         assert_eq!(little.positions(), big.positions());
-        let far = |(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).norm();
-        let farthest = ascii.positions().iter().zip(&**little.positions()).map(far);
+        let farthest = ascii
+            .positions()
+            .iter()
+            .zip(&**little.positions())
+            .map(|(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).norm());
         assert!(farthest.fold(0.0, f64::max) < 1e-4);
     }
 

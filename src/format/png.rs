@@ -86,9 +86,11 @@ impl From<DecodeError> for PngError {
 /// If the bytes are not a PNG file, it is damaged, or the picture takes too much memory.
 pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
     let file = File { format: "PNG", bytes, copies: 1 };
-    let open = || PngDecoder::with_limits(Cursor::new(bytes), file.limits());
     // A pixel has at least one bit.
-    file.picture(open, |width, height| check_size(width, height, 1, bytes.len()))
+    file.picture(
+        || PngDecoder::with_limits(Cursor::new(bytes), file.limits()),
+        |width, height| check_size(width, height, 1, bytes.len()),
+    )
 }
 
 /// Checks that so many pixels of so many bits can be in a file.
@@ -130,7 +132,9 @@ const BYTES_PER_BYTE: usize = 1032;
 
 /// All samples as they are, if depths of them do not take more than `most` bytes.
 fn decode(bytes: &[u8], most: usize) -> Result<Pixels, PngError> {
-    let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
+    fn broken(reason: ::png::DecodingError) -> PngError {
+        PngError::Broken { reason: reason.to_string() }
+    }
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
     decoder.set_transformations(Transformations::IDENTITY);
     decoder.set_ignore_text_chunk(true);
@@ -140,8 +144,7 @@ fn decode(bytes: &[u8], most: usize) -> Result<Pixels, PngError> {
     let (width, height) = (info.width, info.height);
     let bits = info.bits_per_pixel() as u64;
     let all = (depth::BYTES_PER_PIXEL as u64).saturating_mul(pixels(width, height));
-    let fits = |size: &usize| *size <= MOST_BYTES && all <= most as u64;
-    let size = reader.output_buffer_size().filter(fits);
+    let size = reader.output_buffer_size().filter(|size| *size <= MOST_BYTES && all <= most as u64);
     let size = size.ok_or(PngError::TooLarge { width, height, most })?;
     check_size(width, height, bits, bytes.len())?;
     let mut buffer = vec![0; size];
@@ -218,7 +221,7 @@ impl FileFormat for MaskPng {
     const ENDING: &'static str = "png";
 
     fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        let samples = Vec::from_iter(mask.pixels().iter().map(|inside| inside * 255));
+        let samples: Vec<_> = mask.pixels().iter().map(|inside| inside * 255).collect();
         let size = [mask.width(), mask.height()];
         let bytes = encode(size, ColorType::Grayscale, BitDepth::Eight, &samples)?;
         Ok(NewFile::only(name, bytes))
@@ -255,8 +258,10 @@ impl FileFormat for FieldPng {
         let (least, greatest) = (f64::from(least), f64::from(greatest));
         let scale = if least < greatest { 65535.0 / (greatest - least) } else { 0.0 };
         // Infinities are no part of the range and end at its ends; a NaN becomes 0.
-        let level = |&x: &f32| (((f64::from(x) - least) * scale).round()) as u16;
-        let bytes = encode_gray([field.width(), field.height()], field.pixels().iter().map(level))?;
+        let bytes = encode_gray(
+            [field.width(), field.height()],
+            field.pixels().iter().map(|&x| (((f64::from(x) - least) * scale).round()) as u16),
+        )?;
         Ok(NewFile::only(name, bytes))
     }
 }
@@ -279,14 +284,20 @@ mod tests {
 
     #[test]
     fn a_picture_that_was_written_reads_the_same() {
-        let pixels = Vec::from_iter((0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]));
+        let pixels: Vec<_> =
+            (0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]).collect();
         let image = Image::new(20, 15, pixels).unwrap();
         assert_eq!(read(&encode_rgb(&image).unwrap()).unwrap(), image);
     }
 
     #[test]
     fn every_color_type_reads_as_eight_bit_rgb() {
-        let picture = |color, depth, samples: &[u8], palette: &[u8]| {
+        fn picture(
+            color: ColorType,
+            depth: BitDepth,
+            samples: &[u8],
+            palette: &[u8],
+        ) -> Vec<[u8; 3]> {
             let mut bytes = Vec::new();
             let mut encoder = Encoder::new(&mut bytes, 2, 1);
             encoder.set_color(color);
@@ -296,7 +307,7 @@ mod tests {
             }
             encoder.write_header().unwrap().write_image_data(samples).unwrap();
             read(&bytes).unwrap().pixels().to_vec()
-        };
+        }
         let (eight, sixteen) = (BitDepth::Eight, BitDepth::Sixteen);
         assert_eq!(picture(ColorType::Grayscale, BitDepth::One, &[0x40], &[]), [[0; 3], [255; 3]]);
         assert_eq!(picture(ColorType::Grayscale, sixteen, &[7, 255, 9, 0], &[]), [[7; 3], [9; 3]]);

@@ -133,17 +133,18 @@ fn scans(bytes: &[u8]) -> Result<Vec<&[u8]>, PtxError> {
         };
         let lines = Header::read(&mut lines(rest)).map_err(wrong)?.cells().map_err(wrong)?;
         let lines = Header::LINES.saturating_add(lines);
-        let is_full = |line: &[u8]| words(line).next().is_some();
+        fn is_full(line: &[u8]) -> bool {
+            words(line).next().is_some()
+        }
         let mut left = lines;
-        let ends_here = |line: &&[u8]| {
-            left -= usize::from(is_full(line));
-            left == 0
-        };
         let mut length = 0;
         let end = rest
             .split_inclusive(|&byte| byte == b'\n')
             .inspect(|line| length += line.len())
-            .find(ends_here);
+            .find(|line| {
+                left -= usize::from(is_full(line));
+                left == 0
+            });
         if end.is_none() {
             length = rest.len();
         }
@@ -215,8 +216,11 @@ impl Scan {
         let mut intensities = vec![0.0; cells];
         let mut colors: Vec<Rgb> = Vec::new();
         for index in 0..cells {
-            let too_few = || PtxError::TooFew { line: 11, found: index, expected: cells };
-            let line = lines.next().ok_or_else(too_few)?;
+            let line = lines.next().ok_or_else(|| PtxError::TooFew {
+                line: 11,
+                found: index,
+                expected: cells,
+            })?;
             // The lowest cell of the first column comes first.
             let cell = (rows - 1 - index % rows) * columns + index / rows;
             let ([x, y, z, intensity], color) = read_point(line)?;
@@ -258,11 +262,10 @@ fn read_points(bytes: &[u8]) -> Result<(Points, usize), PtxError> {
     let (mut places, mut intensities, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     let mut left_out = 0;
     for (number, bytes) in scans(bytes)?.into_iter().enumerate() {
-        let in_scan = |error| match number {
+        let scan = Scan::read(bytes).map_err(|error| match number {
             0 => error,
             scan => PtxError::InScan { scan, error: Box::new(error) },
-        };
-        let scan = Scan::read(bytes).map_err(in_scan)?;
+        })?;
         let rows = scan.header.transformation;
         let motion = Matrix4::from_fn(|row, column| rows[column][row]);
         for (cell, point) in scan.points.iter().enumerate() {
@@ -309,8 +312,10 @@ impl FileReader for PointsPtx {
 
 fn size(number: f64, line: usize) -> Result<usize, PtxError> {
     let whole = 0.0 <= number && number <= u32::MAX.into() && number.fract() == 0.0;
-    let wrong = || PtxError::Value { line, text: number.to_string() };
-    if whole { Ok(number as usize) } else { Err(wrong()) }
+    fn wrong(line: usize, number: f64) -> PtxError {
+        PtxError::Value { line, text: number.to_string() }
+    }
+    if whole { Ok(number as usize) } else { Err(wrong(line, number)) }
 }
 
 /// The numbers of a line.
@@ -318,8 +323,7 @@ fn numbers((text, line): Line<'_>, expected: usize) -> Result<[f64; 4], PtxError
     let mut numbers = [0.0; 4];
     let mut found = 0;
     for word in words(text) {
-        let value = || PtxError::Value { line, text: excerpt(word) };
-        let number = parse(word).ok_or_else(value)?;
+        let number = parse(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
         if let Some(place) = numbers.get_mut(found) {
             *place = number;
         }
@@ -352,7 +356,9 @@ fn read_point((text, line): Line<'_>) -> Result<([f64; 4], Option<Rgb>), PtxErro
 
 /// The pose in mm, of a transformation in meters that multiplies row vectors; none if it moves nothing.
 fn pose(rows: &[[f64; 4]; 4]) -> Result<Option<Matrix4<f64>>, PtxError> {
-    let unit = |row: usize| if row < 3 { METER } else { 1.0 };
+    fn unit(row: usize) -> f64 {
+        if row < 3 { METER } else { 1.0 }
+    }
     let pose = Matrix4::from_fn(|row, column| {
         rows[column][row] * if column == 3 { unit(row) } else { 1.0 }
     });
@@ -378,11 +384,12 @@ impl FileFormat for RangePtx {
 fn encode(range: &RangeImage) -> Vec<u8> {
     let (width, height) = (range.width(), range.height());
     let pose = range.world_from_camera().copied().unwrap_or_else(Matrix4::identity);
-    let vector = |column: usize, unit: f64| {
+    fn vector(column: usize, unit: f64, pose: &Matrix4<f64>) -> String {
         let [x, y, z] = [0, 1, 2].map(|row| pose[(row, column)] / unit);
         format!("{x} {y} {z}")
-    };
-    let [x, y, z, place] = [(0, 1.0), (1, 1.0), (2, 1.0), (3, METER)].map(|(k, m)| vector(k, m));
+    }
+    let [x, y, z, place] =
+        [(0, 1.0), (1, 1.0), (2, 1.0), (3, METER)].map(|(k, m)| vector(k, m, &pose));
     let mut text =
         format!("{width}\n{height}\n{place}\n{x}\n{y}\n{z}\n{x} 0\n{y} 0\n{z} 0\n{place} 1\n");
     text.reserve(48 * range.points().len());
@@ -490,10 +497,10 @@ mod tests {
 
     #[test]
     fn a_grid_whose_intensities_differ_is_noted() {
-        let notes = |second: &str| {
+        fn notes(second: &str) -> Vec<String> {
             let text = scan_at(0.0, "0 0 5 0.5").replace("0 0 0 0.5", second);
             read(text.as_bytes()).unwrap().notes
-        };
+        }
         assert_eq!(notes("0 0 6 0.5"), [""; 0]);
         assert!(notes("0 0 6 0.25")[0].starts_with("`intensity` is left out"));
     }

@@ -106,8 +106,11 @@ impl RangeFile {
             (true, false) => range,
             _ => {
                 let sign = if turned { -unit } else { unit };
-                let place = |p: &Point3<f64>| Point3::new(p.x * unit, p.y * sign, p.z * sign);
-                let points = range.points().iter().map(place).collect();
+                let points = range
+                    .points()
+                    .iter()
+                    .map(|p| Point3::new(p.x * unit, p.y * sign, p.z * sign))
+                    .collect();
                 let pose = range.world_from_camera().filter(|_| turned);
                 let pose = pose.map(|pose| pose * Matrix4::from_diagonal(&HALF_TURN.into()));
                 let moved = range.with_points(points)?;
@@ -128,9 +131,11 @@ const HALF_TURN: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 /// Whether a cell is on the whole above the one before it in its column, y pointing down.
 fn grows_upwards(range: &RangeImage) -> bool {
     let width = range.width();
-    let step = |cell: usize| Some(range.point(cell + width)?.y - range.point(cell)?.y);
     let cells = range.points().len().saturating_sub(width);
-    (0..cells).filter_map(step).sum::<f64>() < 0.0
+    (0..cells)
+        .filter_map(|cell: usize| Some(range.point(cell + width)?.y - range.point(cell)?.y))
+        .sum::<f64>()
+        < 0.0
 }
 
 /// The same grid with its rows in the opposite order.
@@ -141,7 +146,7 @@ fn upside_down(range: &RangeImage) -> Result<RangeImage, SizeError> {
     let width = range.width();
     let turned = range.with_points(reversed(range.points(), width))?;
     let filled =
-        Vec::from_iter((0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))));
+        (0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))).collect::<Vec<_>>();
     let turned = turned.with_filled(reversed(&filled, width))?;
     Ok(match range.colors() {
         Some(colors) => turned.with_colors(reversed(colors, width))?,
@@ -164,13 +169,14 @@ impl FileReader for RangeFiles {
         let notes = camera.iter().flat_map(|camera| &camera.notes).chain(&range.notes);
         notes.for_each(|note| file.doubt(note));
         let range = range.normalize(1.0, Axes::Camera)?;
-        let is_its_own = |camera: &CameraFile| {
-            camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
-        };
-        Ok(match camera.filter(is_its_own) {
-            Some(camera) => camera.over(range, camera.color.and_then(|color| color.size)),
-            None => range,
-        })
+        Ok(
+            match camera.filter(|camera| {
+                camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
+            }) {
+                Some(camera) => camera.over(range, camera.color.and_then(|color| color.size)),
+                None => range,
+            },
+        )
     }
 }
 
@@ -248,14 +254,16 @@ pub(super) mod tests {
         let points = vec![Point3::new(1.0, 2.0, -3.0), Point3::new(1.0, 1.0, -3.0)];
         let colors = vec![[1; 3], [2; 3]];
         let range = RangeImage::new(1, 2, points).unwrap().with_colors(colors).unwrap();
-        let file = |rows| RangeFile { rows, ..range.clone().into() };
-        let turned = file(Rows::ByHeight).normalize(1000.0, Axes::YUp).unwrap();
+        fn file(rows: Rows, range: &RangeImage) -> RangeFile {
+            RangeFile { rows, ..range.clone().into() }
+        }
+        let turned = file(Rows::ByHeight, &range).normalize(1000.0, Axes::YUp).unwrap();
         assert_eq!(turned.points()[0], Point3::new(1000.0, -2000.0, 3000.0));
         // Taken as a camera's, its first row is the lower one.
-        let flipped = file(Rows::ByHeight).normalize(1.0, Axes::Camera).unwrap();
+        let flipped = file(Rows::ByHeight, &range).normalize(1.0, Axes::Camera).unwrap();
         assert_eq!(flipped.points()[0], Point3::new(1.0, 1.0, -3.0));
         assert_eq!(flipped.colors().unwrap(), [[2; 3], [1; 3]]);
-        let kept = file(Rows::TopFirst).normalize(1.0, Axes::Camera).unwrap();
+        let kept = file(Rows::TopFirst, &range).normalize(1.0, Axes::Camera).unwrap();
         assert_eq!(kept.points()[0], Point3::new(1.0, 2.0, -3.0));
     }
 

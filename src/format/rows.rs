@@ -119,15 +119,15 @@ impl<'a> Table<'a> {
     fn fill(&self, place: usize, mut bytes: &mut [u8]) {
         let stride = self.stride;
         let (mut row, lead) = (place / stride, place % stride);
-        let whole = |row: usize| {
+        fn whole(row: usize, stride: usize, rows: &dyn Rows) -> Vec<u8> {
             let mut bytes = vec![0; stride];
-            self.rows.fill(&mut bytes, row, stride);
+            rows.fill(&mut bytes, row, stride);
             bytes
-        };
+        }
         if lead > 0 {
             let count = bytes.len().min(stride - lead);
             let (end, behind) = bytes.split_at_mut(count);
-            end.copy_from_slice(&whole(row)[lead..][..count]);
+            end.copy_from_slice(&whole(row, stride, &*self.rows)[lead..][..count]);
             (bytes, row) = (behind, row + 1);
         }
         let (rows, start) = bytes.split_at_mut(bytes.len() / stride * stride);
@@ -136,7 +136,7 @@ impl<'a> Table<'a> {
             row += rows.len() / stride;
         }
         if !start.is_empty() {
-            start.copy_from_slice(&whole(row)[..start.len()]);
+            start.copy_from_slice(&whole(row, stride, &*self.rows)[..start.len()]);
         }
     }
 }
@@ -146,14 +146,14 @@ pub(super) fn in_pieces(tables: Vec<Table<'_>>) -> Content<'_> {
     let tables = Arc::new(tables);
     let same = tables.clone();
     let len = tables.iter().map(Table::size).sum();
-    let fill = move |place: usize, mut bytes: &mut [u8]| {
+    Content::pieces(len, move |place: usize, mut bytes: &mut [u8]| {
         for (table, stretch) in stretches(&tables, place..place + bytes.len()) {
             let (own, behind) = bytes.split_at_mut(stretch.len());
             table.fill(stretch.start, own);
             bytes = behind;
         }
-    };
-    Content::pieces(len, fill).made_of(move |stretch| {
+    })
+    .made_of(move |stretch| {
         let mut to = Hasher::new();
         for (table, Range { start, end }) in stretches(&same, stretch) {
             let numbers = [table.count, table.stride, start, end].map(usize::to_le_bytes);

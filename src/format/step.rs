@@ -137,7 +137,7 @@ impl File {
     fn surface(&mut self, surface: &Surface, closed: [bool; 2]) -> usize {
         let net = surface.net();
         let rows = net.points().chunks(net.columns()).map(|row| {
-            let row = Vec::from_iter(row.iter().map(|point| format!("#{}", self.point(point))));
+            let row: Vec<_> = row.iter().map(|point| format!("#{}", self.point(point))).collect();
             format!("({})", row.join(","))
         });
         let points = rows.collect::<Vec<_>>().join(",");
@@ -161,7 +161,7 @@ impl File {
 
     fn curve(&mut self, side: &Side, knots: &KnotVector) -> usize {
         let points =
-            Vec::from_iter(side.points.iter().map(|point| format!("#{}", self.point(point))));
+            side.points.iter().map(|point| format!("#{}", self.point(point))).collect::<Vec<_>>();
         let (times, values) = multiplicities(knots);
         let shape = format!("{},({}),.UNSPECIFIED.,.F.,.U.", knots.degree(), points.join(","));
         let knots = format!("({times}),({values}),.UNSPECIFIED.");
@@ -185,7 +185,7 @@ fn reals<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> String {
 /// How often each different knot is repeated, and the different knots.
 fn multiplicities(knots: &KnotVector) -> (String, String) {
     let runs = || knots.knots().chunk_by(|a, b| a == b);
-    let times = Vec::from_iter(runs().map(|run| run.len().to_string()));
+    let times: Vec<_> = runs().map(|run| run.len().to_string()).collect();
     (times.join(","), reals(runs().map(|run| &run[0])))
 }
 
@@ -320,8 +320,7 @@ fn side(
             (Point3::from(sum.xyz() / sum.w), sum.w)
         })
         .unzip();
-    let finite = |point: &Point3<f64>| point.coords.iter().all(|x| x.is_finite());
-    if points.iter().chain(&ends).all(finite) {
+    if points.iter().chain(&ends).all(|point| point.coords.iter().all(|x| x.is_finite())) {
         Ok(Side { points, weights, ends })
     } else {
         Err(StepError::NotFinite)
@@ -340,8 +339,14 @@ mod tests {
 
     /// A patch of 3 x 4 control points, with weights if they are given.
     fn patch(weights: Option<Vec<f64>>) -> Surface {
-        let point = |k: usize| Point3::new((k / 4) as f64, (k % 4) as f64 / 3.0, 0.1 * k as f64);
-        let net = ControlNet::new(3, 4, (0..12).map(point).collect::<Vec<_>>()).unwrap();
+        let net = ControlNet::new(
+            3,
+            4,
+            (0..12)
+                .map(|k: usize| Point3::new((k / 4) as f64, (k % 4) as f64 / 3.0, 0.1 * k as f64))
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let net = net.with_weights(weights.unwrap_or(vec![1.0; 12])).unwrap();
         let u = KnotVector::uniform(3, 3).unwrap();
         Surface::new(net, u, KnotVector::uniform(4, 3).unwrap()).unwrap()
@@ -385,20 +390,20 @@ mod tests {
     fn a_cylinder_has_a_seam_and_a_cone_no_edge_at_its_tip() {
         let s = 0.5f64.sqrt();
         let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
-        let surface = |tip: f64| {
-            let ring = |radius: f64, z: f64| {
+        fn surface(tip: f64, square: &[(i32, i32); 9], s: f64) -> String {
+            fn ring(radius: f64, z: f64, square: &[(i32, i32); 9]) -> [Point3<f64>; 9] {
                 square.map(|(x, y)| Point3::new(radius * f64::from(x), radius * f64::from(y), z))
-            };
-            let points = [ring(1.0, 0.0), ring(tip, 5.0)].concat();
+            }
+            let points = [ring(1.0, 0.0, square), ring(tip, 5.0, square)].concat();
             let weights = (0..18).map(|k| if k % 9 % 2 == 0 { 1.0 } else { s }).collect();
             let net = ControlNet::new(2, 9, points).unwrap().with_weights(weights).unwrap();
             let along = KnotVector::uniform(2, 2).unwrap();
             text(&Surface::new(net, along, KnotVector::cylinder()).unwrap())
-        };
-        let cylinder = surface(1.0);
+        }
+        let cylinder = surface(1.0, &square, s);
         assert_eq!([count(&cylinder, "VERTEX_POINT"), count(&cylinder, "EDGE_CURVE")], [2, 3]);
         assert_eq!(count(&cylinder, "ORIENTED_EDGE"), 4);
-        let cone = surface(0.0);
+        let cone = surface(0.0, &square, s);
         assert_eq!([count(&cone, "VERTEX_POINT"), count(&cone, "EDGE_CURVE")], [2, 2]);
         assert_eq!(count(&cone, "ORIENTED_EDGE"), 3);
     }

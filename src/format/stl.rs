@@ -106,21 +106,23 @@ fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
     let (mut corners, mut notes) = (Corners::default(), Vec::new());
     let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
     let promised = promised.map(|count| u32::from_le_bytes(*count));
-    let wanted = |count: u32| (count as usize).saturating_mul(TRIANGLE).saturating_add(84);
+    fn wanted(count: u32) -> usize {
+        (count as usize).saturating_mul(TRIANGLE).saturating_add(84)
+    }
     let is_text =
         bytes.trim_ascii_start().get(..5).is_some_and(|it| it.eq_ignore_ascii_case(b"solid"));
     // Programs that write while they scan do not come back to the count.
     let room = bytes.len().saturating_sub(84);
-    let is_longer = |count: u32| {
+    fn is_longer(count: u32, room: usize, bytes: &[u8]) -> bool {
         let is_whole = room.is_multiple_of(TRIANGLE) && room > 0;
         bytes.len() > wanted(count) && (is_whole || count > 0)
-    };
+    }
     // Binary headers may begin with `solid` too, but their length gives them away.
     if promised.is_some_and(|count| bytes.len() == wanted(count)) {
         read_binary(bytes, &mut corners);
     } else if is_text {
         read_text(bytes, &mut corners)?;
-    } else if let Some(count) = promised.filter(|&count| is_longer(count)) {
+    } else if let Some(count) = promised.filter(|&count| is_longer(count, room, bytes)) {
         if room.is_multiple_of(TRIANGLE) {
             let there = room / TRIANGLE;
             notes.push(format!(
@@ -167,17 +169,18 @@ fn read_binary(bytes: &[u8], corners: &mut Corners) {
         corners.usual_color = [*red, *green, *blue];
     }
     for triangle in triangles.as_chunks::<TRIANGLE>().0 {
-        let number = |k: usize| {
+        fn number(k: usize, triangle: &[u8; 50]) -> f64 {
             let at = 12 + 4 * k;
             let bytes = [triangle[at], triangle[at + 1], triangle[at + 2], triangle[at + 3]];
             f64::from(f32::from_le_bytes(bytes))
-        };
+        }
         let bits = u16::from_le_bytes([triangle[48], triangle[49]]);
         let has_own = (bits & 0x8000 != 0) != magics.is_some();
-        let channel = |shift: u16| ((u32::from(bits >> shift & 31) * 255 + 15) / 31) as u8;
-        let [low, middle, high] = [0, 5, 10].map(channel);
+        let [low, middle, high] =
+            [0, 5, 10].map(|shift: u16| ((u32::from(bits >> shift & 31) * 255 + 15) / 31) as u8);
         let color = if magics.is_some() { [low, middle, high] } else { [high, middle, low] };
-        let places = [0, 3, 6].map(|k| [number(k), number(k + 1), number(k + 2)]);
+        let places = [0, 3, 6]
+            .map(|k| [number(k, triangle), number(k + 1, triangle), number(k + 2, triangle)]);
         corners.push(places, has_own.then_some(color));
     }
 }
@@ -230,7 +233,9 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
         let mut words = words(text);
         let Some(first) = words.next() else { continue };
         last = line;
-        let wrong = |wanted| StlError::Word { line, text: excerpt(text.trim_ascii()), wanted };
+        fn wrong(wanted: &'static str, line: usize, text: &[u8]) -> StlError {
+            StlError::Word { line, text: excerpt(text.trim_ascii()), wanted }
+        }
         let mut first = first.to_ascii_lowercase();
         // Some programs write `end loop`.
         if first == b"end" {
@@ -262,9 +267,13 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
                 }
                 _ => return Err(StlError::Facet { line, found: vertices.len() }),
             },
-            (_, None) => return Err(wrong("facet")),
+            (_, None) => return Err(wrong("facet", line, text)),
             (_, Some(vertices)) => {
-                return Err(wrong(if vertices.len() < 3 { "vertex" } else { "endloop" }));
+                return Err(wrong(
+                    if vertices.len() < 3 { "vertex" } else { "endloop" },
+                    line,
+                    text,
+                ));
             }
         }
     }
@@ -304,9 +313,8 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
     bytes.extend_from_slice(b"binary STL of maquette, mm");
     bytes.resize(80, b' ');
     bytes.extend_from_slice(&count.to_le_bytes());
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
     for triangle in mesh.triangles().iter() {
-        let [a, b, c] = triangle.map(place);
+        let [a, b, c] = triangle.map(|vertex: u32| mesh.positions()[vertex as usize]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(Vector3::zeros());
         bytes.extend_from_slice(floats(normal.into()).as_flattened());
         for corner in [a, b, c] {
@@ -367,7 +375,9 @@ mod tests {
 
     #[test]
     fn a_quad_is_written_as_two_triangles_with_their_normals() {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.25)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
         let quad = Mesh::new(positions, Faces::uniform(4, vec![0, 1, 2, 3]).unwrap()).unwrap();
         let bytes = encode(&quad).unwrap();
@@ -381,25 +391,25 @@ mod tests {
     #[test]
     fn a_wrong_count_is_told_and_all_that_is_there_is_read() {
         let square = binary();
-        let with_count = |count: u32, more: &[u8]| {
-            let mut bytes = [&square, more].concat();
+        fn with_count(count: u32, more: &[u8], square: &[u8]) -> Result<(usize, String), StlError> {
+            let mut bytes = [square, more].concat();
             bytes[80..84].copy_from_slice(&count.to_le_bytes());
             read_noted(&bytes).map(|(mesh, notes)| (mesh.faces().len(), notes.join("; ")))
-        };
+        }
         let told =
             |count| format!("the header counts {count} triangles, but there are 2: all are read");
-        assert_eq!(with_count(0, &[]).unwrap(), (2, told(0)));
-        assert_eq!(with_count(1, &[]).unwrap(), (2, told(1)));
+        assert_eq!(with_count(0, &[], &square).unwrap(), (2, told(0)));
+        assert_eq!(with_count(1, &[], &square).unwrap(), (2, told(1)));
         let told = "7 bytes at the end are left out: the header counts 2 triangles";
-        assert_eq!(with_count(2, &[0; 7]).unwrap(), (2, told.to_owned()));
+        assert_eq!(with_count(2, &[0; 7], &square).unwrap(), (2, told.to_owned()));
         assert!(
-            with_count(0, &[0; 7])
+            with_count(0, &[0; 7], &square)
                 .unwrap_err()
                 .to_string()
                 .ends_with("the file is damaged, or no STL file")
         );
         assert!(
-            with_count(3, &[])
+            with_count(3, &[], &square)
                 .unwrap_err()
                 .to_string()
                 .ends_with("the file is cut off, or no STL file")
@@ -408,14 +418,14 @@ mod tests {
 
     #[test]
     fn triangles_have_the_colors_of_magics_and_of_viscam() {
-        let colors = |header: &[u8], bits: [u16; 2]| {
+        fn colors(header: &[u8], bits: [u16; 2]) -> Option<Vec<[u8; 3]>> {
             let mut bytes = binary();
             bytes[..header.len()].copy_from_slice(header);
             for (at, bits) in [132, 182].into_iter().zip(bits) {
                 bytes[at..at + 2].copy_from_slice(&bits.to_le_bytes());
             }
             read(&bytes).unwrap().face().colors("color").map(|colors| colors.to_vec())
-        };
+        }
         assert_eq!(colors(b"any", [0, 0]), None);
         assert_eq!(
             colors(b"any", [0x8000 | 31 << 10, 0x8000 | 31]),

@@ -257,7 +257,9 @@ pub(crate) mod tests {
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.25)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
@@ -265,23 +267,27 @@ pub(crate) mod tests {
 
     /// The files of an archive, found by its directory.
     pub(crate) fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
-        let number = |at: usize, size: usize| {
+        fn number(at: usize, size: usize, bytes: &[u8]) -> usize {
             bytes[at..at + size].iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte))
-        };
+        }
         let end = bytes.len() - 22;
         assert_eq!(&bytes[end..end + 4], b"PK\x05\x06");
-        let mut at = number(end + 16, 4);
-        let found = (0..number(end + 10, 2)).map(|_| {
+        let mut at = number(end + 16, 4, bytes);
+        let found = (0..number(end + 10, 2, bytes)).map(|_| {
             assert_eq!(&bytes[at..at + 4], b"PK\x01\x02");
-            let (method, packed, name, start) =
-                (number(at + 10, 2), number(at + 20, 4), number(at + 28, 2), number(at + 42, 4));
+            let (method, packed, name, start) = (
+                number(at + 10, 2, bytes),
+                number(at + 20, 4, bytes),
+                number(at + 28, 2, bytes),
+                number(at + 42, 4, bytes),
+            );
             assert_eq!(bytes[at + 6..at + 32], bytes[start + 4..start + 30]);
             let text = String::from_utf8(bytes[at + 46..at + 46 + name].to_vec()).unwrap();
             let data = &bytes[start + 30 + name..][..packed];
             let content =
                 if method == 8 { decompress_to_vec(data).unwrap() } else { data.to_vec() };
-            assert_eq!(crc32fast::hash(&content) as usize, number(at + 16, 4));
-            assert_eq!(content.len(), number(at + 24, 4));
+            assert_eq!(crc32fast::hash(&content) as usize, number(at + 16, 4, bytes));
+            assert_eq!(content.len(), number(at + 24, 4, bytes));
             at += 46 + name;
             (text, content)
         });
@@ -354,7 +360,9 @@ pub(crate) mod tests {
             read::read(&assembly(r#"<item objectid="9" transform="1 0 0 0 1 0 0 0 1 3 0 0"/>"#))
                 .unwrap();
         // y of the plate is -z, and the mirrored copy looks to the same side of its own shape.
-        let inch = |x: f64, y: f64, z: f64| Point3::new(25.4 * x, 25.4 * y, 25.4 * z);
+        fn inch(x: f64, y: f64, z: f64) -> Point3<f64> {
+            Point3::new(25.4 * x, 25.4 * y, 25.4 * z)
+        }
         assert_eq!(mesh.positions()[..3], [inch(3., 0., 0.), inch(4., 0., 0.), inch(3., 0., -1.)]);
         assert_eq!(mesh.positions()[4..7], [inch(3., 2., 0.), inch(2., 2., 0.), inch(3., 2., -1.)]);
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [4, 6, 5]]);
@@ -372,7 +380,7 @@ pub(crate) mod tests {
 
     #[test]
     fn damaged_files_are_refused_with_their_place() {
-        let wrong = |from: &str, to: &str| {
+        fn wrong(from: &str, to: &str) -> String {
             let model = r#"<model><resources><object id="1"><mesh><vertices><vertex x="0" y="0" z="0"/></vertices>
 <triangles><triangle v1="0" v2="0" v3="0"/></triangles></mesh></object></resources><build><item objectid="1"/></build></model>"#;
             assert!(model.contains(from));
@@ -380,7 +388,7 @@ pub(crate) mod tests {
             read::read(&zip::archive(&[("3D/3dmodel.model", model.as_bytes())]).unwrap())
                 .unwrap_err()
                 .to_string()
-        };
+        }
         assert_eq!(
             wrong("v3=\"0\"", "v3=\"7\""),
             "`3D/3dmodel.model`, line 2: a triangle names vertex 7, but there are only 1"
@@ -423,7 +431,7 @@ pub(crate) mod tests {
             assert!(text.contains(part), "{part}");
         }
         let names = files(&encode(&mesh()).unwrap());
-        let names = Vec::from_iter(names.iter().map(|(name, _)| &name[..]));
+        let names: Vec<_> = names.iter().map(|(name, _)| &name[..]).collect();
         assert_eq!(names, ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]);
         assert_eq!(encode(&mesh()).unwrap(), encode(&mesh()).unwrap());
     }

@@ -131,24 +131,31 @@ fn decode(bytes: &[u8], per_pixel: usize) -> Result<Pixels, TiffError> {
 fn check_directory(bytes: &[u8]) -> Result<(), TiffError> {
     let [big_endian, large] =
         [bytes.starts_with(b"MM"), bytes.get(2..4).is_some_and(|version| version.contains(&43))];
-    let number = |at: usize, size: usize| {
+    fn number(at: usize, size: usize, big_endian: bool, bytes: &[u8]) -> Option<u64> {
         let number = bytes.get(at..)?.get(..size)?;
-        let join = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
+        fn join(sum: u64, byte: &u8) -> u64 {
+            sum << 8 | u64::from(*byte)
+        }
         Some(match big_endian {
             true => number.iter().fold(0, join),
             false => number.iter().rev().fold(0, join),
         })
-    };
+    }
     // Files with 64-bit offsets have more room for each number.
     let (start, length, width, entry) = if large { (8, 8, 8, 20) } else { (4, 2, 4, 12) };
-    let at = |place: Option<u64>| place.and_then(|place| usize::try_from(place).ok());
-    let Some(directory) = at(number(start, width)) else { return Ok(()) };
+    fn at(place: Option<u64>) -> Option<usize> {
+        place.and_then(|place| usize::try_from(place).ok())
+    }
+    let Some(directory) = at(number(start, width, big_endian, bytes)) else { return Ok(()) };
     let Some(first) = directory.checked_add(length) else { return Ok(()) };
-    for k in 0..at(number(directory, length)).unwrap_or(0) {
+    for k in 0..at(number(directory, length, big_endian, bytes)).unwrap_or(0) {
         let byte = first.saturating_add(k.saturating_mul(entry));
-        let Some((kind, count)) =
-            number(byte.saturating_add(2), 2).zip(number(byte.saturating_add(4), width))
-        else {
+        let Some((kind, count)) = number(byte.saturating_add(2), 2, big_endian, bytes).zip(number(
+            byte.saturating_add(4),
+            width,
+            big_endian,
+            bytes,
+        )) else {
             break;
         };
         // The numbers of the specification for types of one to eight bytes.
@@ -222,21 +229,23 @@ pub(super) struct Depths {
 /// If the bytes are not a TIFF file, it is damaged, takes more than 512 MB, or has more than one channel.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, TiffError> {
     let Pixels { width, height, color, samples } = decode(bytes, depth::BYTES_PER_PIXEL)?;
-    let wrong = || TiffError::Kind {
-        found: format!("{color:?}"),
-        wanted: "depths are one channel of floats, or of whole numbers of 16 or 32 bits",
-    };
-    let ColorType::Gray(_) = color else { return Err(wrong()) };
+    fn wrong(color: &ColorType) -> TiffError {
+        TiffError::Kind {
+            found: format!("{color:?}"),
+            wanted: "depths are one channel of floats, or of whole numbers of 16 or 32 bits",
+        }
+    }
+    let ColorType::Gray(_) = color else { return Err(wrong(&color)) };
     let whole = !matches!(samples, DecodingResult::F32(_) | DecodingResult::F64(_));
     let depths: Vec<f64> = match samples {
         DecodingResult::F32(samples) => samples.into_iter().map(f64::from).collect(),
         DecodingResult::F64(samples) => samples,
         DecodingResult::U16(samples) => samples.into_iter().map(f64::from).collect(),
         DecodingResult::U32(samples) => samples.into_iter().map(f64::from).collect(),
-        _ => return Err(wrong()),
+        _ => return Err(wrong(&color)),
     };
     if depths.len() != width * height {
-        return Err(wrong());
+        return Err(wrong(&color));
     }
     Ok(Depths { width, height, depths, whole })
 }
@@ -293,7 +302,7 @@ impl FileFormat for MaskTiff {
     const ENDING: &'static str = "tiff";
 
     fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        let samples = Vec::from_iter(mask.pixels().iter().map(|inside| inside * 255));
+        let samples: Vec<_> = mask.pixels().iter().map(|inside| inside * 255).collect();
         let size = [mask.width(), mask.height()];
         Ok(NewFile::only(name, encode::<colortype::Gray8>(size, &samples)?))
     }
@@ -314,8 +323,8 @@ mod tests {
 
     #[test]
     fn pictures_of_others_read() {
-        let pixels = |k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
-        let expected = Vec::from_iter((0..16 * 12).map(pixels));
+        let expected: Vec<_> =
+            (0..16 * 12).map(|k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128]).collect();
         for file in [LZW, RGBA] {
             let image = read(file).unwrap();
             assert_eq!((image.width(), image.height()), (16, 12));
@@ -325,7 +334,8 @@ mod tests {
 
     #[test]
     fn what_was_written_reads_the_same() {
-        let pixels = Vec::from_iter((0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]));
+        let pixels: Vec<_> =
+            (0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]).collect();
         let image = Image::new(20, 15, pixels).unwrap();
         assert_eq!(read(&written::<ImageTiff>(&image)).unwrap(), image);
         let numbers = [0.1f32, -3.5, f32::INFINITY, 1e30, 0.0, 7.0];

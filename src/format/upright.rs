@@ -32,16 +32,18 @@ pub(super) fn upright(mesh: &Mesh) -> Result<Cow<'_, Mesh>, MeshError> {
     if mesh.frame().is_none() {
         return Ok(Cow::Borrowed(mesh));
     }
-    let vectors = |attributes: &Attributes| -> Vec<(String, Attribute)> {
-        let turn = |(name, attribute): (&str, &Attribute)| match attribute {
-            Attribute::Vector(vectors) => {
-                let vectors = vectors.iter().map(|&[x, y, z]| [x, -y, -z]).collect();
-                Some((name.to_owned(), Attribute::Vector(vectors)))
-            }
-            _ => None,
-        };
-        attributes.iter().filter_map(turn).collect()
-    };
+    fn vectors(attributes: &Attributes) -> Vec<(String, Attribute)> {
+        attributes
+            .iter()
+            .filter_map(|(name, attribute): (&str, &Attribute)| match attribute {
+                Attribute::Vector(vectors) => {
+                    let vectors = vectors.iter().map(|&[x, y, z]| [x, -y, -z]).collect();
+                    Some((name.to_owned(), Attribute::Vector(vectors)))
+                }
+                _ => None,
+            })
+            .collect()
+    }
     let mut upright = mesh.with_positions(upright_points(mesh.positions(), true))?.with_frame(None);
     for (name, attribute) in vectors(mesh.vertex()) {
         upright = upright.with_vertex(&name, attribute)?;

@@ -93,13 +93,21 @@ fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<S
                 let all = || channels.iter().flat_map(|color| color.iter().copied());
                 let are_whole = all().all(|channel| channel.fract() == 0.0);
                 let range = colors::decide(colors, all(), are_whole, ColorRange::To255, &mut notes);
-                let color = |color: &Point3<f64>| {
-                    [color.x, color.y, color.z].map(|x| colors::byte(range, x))
-                };
-                ("color".to_owned(), Attribute::Color(channels.iter().map(color).collect()))
+                (
+                    "color".to_owned(),
+                    Attribute::Color(
+                        channels
+                            .iter()
+                            .map(|color| {
+                                [color.x, color.y, color.z].map(|x| colors::byte(range, x))
+                            })
+                            .collect(),
+                    ),
+                )
             }
             Role::Normal => {
-                let mut normals = Vec::from_iter(table.triples(at).iter().map(|n| [n.x, n.y, n.z]));
+                let mut normals: Vec<_> =
+                    table.triples(at).iter().map(|n| [n.x, n.y, n.z]).collect();
                 notes.extend(finite::mend(&mut normals, "normal", "point", |k| finite.contains(k)));
                 ("normal".to_owned(), Attribute::Vector(normals.into()))
             }
@@ -178,9 +186,11 @@ impl Table {
         let mut roles = Vec::new();
         let mut at = 3;
         while at < self.columns {
-            let has = |role: &Role| roles.iter().any(|(known, _)| known == role);
+            fn has(role: &Role, roles: &[(Role, usize)]) -> bool {
+                roles.iter().any(|(known, _)| known == role)
+            }
             let role = match self.columns - at {
-                3.. => self.guess(at).filter(|role| !has(role)),
+                3.. => self.guess(at).filter(|role| !has(role, &roles)),
                 _ => None,
             };
             // Of four numbers that may be colors the first is an intensity, unless the last one is an opacity.
@@ -226,14 +236,16 @@ impl Table {
     /// Whether three columns are a color or a normal.
     fn guess(&self, at: usize) -> Option<Role> {
         let lines = || self.numbers.chunks_exact(self.columns).map(|line| &line[at..at + 3]);
-        let length = |line: &[f64]| line.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let is_normal = |line: &[f64]| {
+        fn length(line: &[f64]) -> f64 {
+            line.iter().map(|x| x * x).sum::<f64>().sqrt()
+        }
+        let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
+        if lines().all(|line| {
             line.iter().any(|x| !x.is_finite())
                 || (length(line) - 1.0).abs() < 0.01
                 || length(line) == 0.0
-        };
-        let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
-        if lines().all(is_normal) && lines().any(|line| length(line) > 0.5) {
+        }) && lines().any(|line| length(line) > 0.5)
+        {
             return Some(Role::Normal);
         }
         let all = |is: &dyn Fn(&f64) -> bool| lines().flatten().all(|x| is(x) || !x.is_finite());
@@ -243,15 +255,19 @@ impl Table {
 
     /// What the names of the columns say.
     fn named_roles(&self) -> Vec<(Role, usize)> {
-        let is = |at: usize, names: [&[&str]; 3]| {
-            (0..3).all(|k| self.names.get(at + k).is_some_and(|name| names[k].contains(&&**name)))
-        };
+        fn is(at: usize, names: [&[&str]; 3], self_names: &[String]) -> bool {
+            (0..3).all(|k| self_names.get(at + k).is_some_and(|name| names[k].contains(&&**name)))
+        }
         let mut roles = Vec::new();
         let mut at = 3;
         while at < self.columns {
-            let role = if is(at, [&["r", "red"], &["g", "green"], &["b", "blue"]]) {
+            let role = if is(at, [&["r", "red"], &["g", "green"], &["b", "blue"]], &self.names) {
                 Role::Color
-            } else if is(at, [&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]]) {
+            } else if is(
+                at,
+                [&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]],
+                &self.names,
+            ) {
                 Role::Normal
             } else {
                 Role::Number(match &*self.names[at] {
@@ -280,13 +296,19 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
     let text = text.trim_ascii();
     let text = text.strip_prefix(b"//").unwrap_or(text);
     let parts = text.split(|&byte| matches!(byte, b',' | b';')).flat_map(words);
-    let name = |word: &[u8]| {
-        let letter = |byte: &u8| {
-            if byte.is_ascii_alphanumeric() { char::from(byte.to_ascii_lowercase()) } else { '_' }
-        };
-        word.iter().map(letter).collect::<String>()
-    };
-    let names = Vec::from_iter(parts.map(name));
+    let names: Vec<_> = parts
+        .map(|word| {
+            word.iter()
+                .map(|byte| {
+                    if byte.is_ascii_alphanumeric() {
+                        char::from(byte.to_ascii_lowercase())
+                    } else {
+                        '_'
+                    }
+                })
+                .collect::<String>()
+        })
+        .collect();
     names.get(..3).is_some_and(|three| three == ["x", "y", "z"]).then_some(names)
 }
 
@@ -294,8 +316,9 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
 fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), XyzError> {
     // Between semicolons a comma stands for the point.
     let has_semicolons = text.contains(&b';');
-    let commas = has_semicolons
-        .then(|| Vec::from_iter(text.iter().map(|&byte| if byte == b',' { b'.' } else { byte })));
+    let commas = has_semicolons.then(|| {
+        text.iter().map(|&byte| if byte == b',' { b'.' } else { byte }).collect::<Vec<_>>()
+    });
     let text = commas.as_deref().unwrap_or(text);
     if let Some(word) = decimal_comma(text) {
         return Err(XyzError::DecimalComma { line, text: excerpt(word) });
@@ -312,7 +335,9 @@ fn decimal_comma(text: &[u8]) -> Option<&[u8]> {
     if !text.contains(&b',') {
         return None;
     }
-    let commas = |word: &[u8]| word.iter().filter(|&&byte| byte == b',').count();
+    fn commas(word: &[u8]) -> usize {
+        word.iter().filter(|&&byte| byte == b',').count()
+    }
     let is_number =
         |word: &[u8]| commas(word) <= 1 && !word.starts_with(b",") && !word.ends_with(b",");
     let is_line = matches!(words(text).count(), 3 | 6) && words(text).all(is_number);
@@ -443,11 +468,11 @@ mod tests {
 
     #[test]
     fn columns_are_what_their_numbers_or_their_names_say() {
-        let told = |text: &str| {
+        fn told(text: &str) -> (String, usize) {
             let (points, notes) = read_noted(text.as_bytes(), None).unwrap();
             let names = points.attributes().iter().map(|(name, _)| name.to_owned());
             (Vec::from_iter(names).join(" "), notes.len())
-        };
+        }
         for (text, names, notes) in [
             ("0 0 0 0.5 255 0 0\n1 0 0 0.25 10 200 30\n", "color intensity", 1),
             ("0 0 0 255 0 0 0.5\n1 0 0 10 200 30 0.25\n", "color intensity", 1),
@@ -477,7 +502,9 @@ mod tests {
 
     #[test]
     fn files_that_lie_are_refused_with_their_line() {
-        let error = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
+        fn error(text: &str) -> String {
+            read(text.as_bytes()).unwrap_err().to_string()
+        }
         assert_eq!(error("1 2\n"), "line 1: 2 numbers, where there must be at least 3");
         assert_eq!(
             error("1 2 3\n1 2 3 4 5 6\n"),

@@ -152,22 +152,23 @@ impl<'b> Archive<'b> {
 
     /// The content of a file, of at most so many bytes.
     pub(crate) fn read(&self, name: &str, most: usize) -> Result<Vec<u8>, NotRead> {
-        let name = || name.to_owned();
-        let damaged = || NotRead::Damaged { name: name() };
-        let entry = self.entries.iter().find(|entry| entry.name == name()).ok_or_else(damaged)?;
+        let damaged = || NotRead::Damaged { name: name.to_owned() };
+        let entry = self.entries.iter().find(|entry| entry.name == name).ok_or_else(damaged)?;
         let Entry { method, size, packed, start, .. } = *entry;
         if most < size {
-            return Err(NotRead::TooMuch { name: name(), bytes: size, most });
+            return Err(NotRead::TooMuch { name: name.to_owned(), bytes: size, most });
         }
         let lengths = number(self.bytes, start + 26, 2).zip(number(self.bytes, start + 28, 2));
         let data = lengths
             .and_then(|(name, extra)| self.bytes.get(start + 30 + name + extra..)?.get(..packed));
         let data = data.ok_or_else(damaged)?;
         let content = match method {
-            _ if entry.is_encrypted => return Err(NotRead::Method { name: name(), method }),
+            _ if entry.is_encrypted => {
+                return Err(NotRead::Method { name: name.to_owned(), method });
+            }
             0 => data.to_vec(),
             8 => decompress_to_vec_with_limit(data, size).map_err(|_| damaged())?,
-            _ => return Err(NotRead::Method { name: name(), method }),
+            _ => return Err(NotRead::Method { name: name.to_owned(), method }),
         };
         let is_whole = content.len() == size && crc32fast::hash(&content) == entry.checksum;
         if is_whole { Ok(content) } else { Err(damaged()) }

@@ -158,21 +158,20 @@ fn read_source(
     let parsed = parse(&source.text);
     let is_empty = parsed.0.is_broken();
     let begin = "begin with `Test(graph: \"name.ron\")`";
-    let mistake = |m: maquette_syntax::Mistake| match m.span.start {
+    let sheet = Sheet::new(source.clone(), PathBuf::new());
+    let ReadText { tree, mistakes, doubts } = ReadText::new(&sheet, parsed, &["Test"]);
+    findings.extend(mistakes.into_iter().map(|m: maquette_syntax::Mistake| match m.span.start {
         // The only mistake of a text with nothing in it.
         0 if is_empty => finding(code::SYNTAX, m.span, m.message, begin),
         _ => finding(code::SYNTAX, m.span, m.message, m.help),
-    };
-    let sheet = Sheet::new(source.clone(), PathBuf::new());
-    let ReadText { tree, mistakes, doubts } = ReadText::new(&sheet, parsed, &["Test"]);
-    findings.extend(mistakes.into_iter().map(mistake));
+    }));
     let mut test = test_of(path, source, tree?, fields, findings);
     if let Some(doubts) = doubts {
-        let is_certain = |it: &Finding| !doubts.cover(it.code, (source, it.span), &it.message);
-        findings.retain(is_certain);
+        findings.retain(|it| !doubts.cover(it.code, (source, it.span), &it.message));
         if let Some(test) = &mut test {
-            let is_read = |(_, text): &(String, String)| parse(text).1.is_empty();
-            test.cases.iter_mut().for_each(|(_, case)| case.set.retain(is_read));
+            test.cases
+                .iter_mut()
+                .for_each(|(_, case)| case.set.retain(|(_, text)| parse(text).1.is_empty()));
             test.doubts = doubts;
         }
     }
@@ -407,10 +406,11 @@ fn no_names(tree: &Tree) -> Vec<Finding> {
     let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
         return Vec::new();
     };
-    let is_plain = |name: &str| {
-        let strange = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
-        !name.is_empty() && !name.starts_with('.') && !name.contains(strange)
-    };
+    fn is_plain(name: &str) -> bool {
+        !name.is_empty()
+            && !name.starts_with('.')
+            && !name.contains(|c: char| c.is_control() || matches!(c, '/' | '\\' | ':'))
+    }
     let names = entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span)));
     let wrong = names.filter(|(name, _)| !is_plain(name));
     let wrong = wrong.map(|(name, span)| {
@@ -431,10 +431,9 @@ fn real(folder: &Path) -> PathBuf {
 /// What stands twice where each name stands once; of fields this is known already.
 fn duplicates(tree: &Tree) -> Vec<Finding> {
     let cases = entries(tree, "cases");
-    let of_case = |(_, case): &(Tree, Tree)| {
+    let of_cases = cases.iter().flat_map(|(_, case)| {
         [twice(&entries(case, "set"), "value"), twice(&entries(case, "inputs"), "input")].concat()
-    };
-    let of_cases = cases.iter().flat_map(of_case);
+    });
     let compared = twice(&entries(tree, "compare"), "output");
     let one_file = one_file_twice(&cases, "cases");
     twice(&cases, "case").into_iter().chain(one_file).chain(of_cases).chain(compared).collect()
@@ -445,37 +444,42 @@ fn duplicates(tree: &Tree) -> Vec<Finding> {
 fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathProblem> {
     let here = real(folder);
     let roots = [project_root(&here)];
-    let may_be_read = |given: &str| may_read(given, &here.join(given), &roots);
-    let missing = || PathProblem::Missing {
-        message: format!("there is no graph `{pattern}`"),
-        help: "the path is relative to the test".into(),
-    };
+    fn may_be_read(given: &str, here: &Path, roots: &[PathBuf; 1]) -> Result<(), PathProblem> {
+        may_read(given, &here.join(given), roots)
+    }
+    fn missing(pattern: &str) -> PathProblem {
+        PathProblem::Missing {
+            message: format!("there is no graph `{pattern}`"),
+            help: "the path is relative to the test".into(),
+        }
+    }
     let path = folder.join(pattern);
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let Some((start, end)) = name.split_once('*') else {
-        return match may_be_read(pattern) {
+        return match may_be_read(pattern, &here, &roots) {
             Ok(()) => Ok(vec![path]),
-            Err(PathProblem::Missing { .. }) if !path.exists() => Err(missing()),
+            Err(PathProblem::Missing { .. }) if !path.exists() => Err(missing(pattern)),
             Err(problem) => Err(problem),
         };
     };
-    if let Err(outside @ PathProblem::Outside { .. }) = may_be_read(pattern) {
+    if let Err(outside @ PathProblem::Outside { .. }) = may_be_read(pattern, &here, &roots) {
         return Err(outside);
     }
-    let fits = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let long = start.len() + end.len() <= name.len();
-        long && name.starts_with(start) && name.ends_with(end) && !name.ends_with(ENDING)
-    };
     let beside = path.parent().filter(|beside| *beside != Path::new(""));
     let files = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten().flatten();
     let files = files.map(|file| path.with_file_name(file.file_name()));
-    let mut graphs: Vec<PathBuf> = files.filter(fits).collect();
+    let mut graphs: Vec<PathBuf> = files
+        .filter(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let long = start.len() + end.len() <= name.len();
+            long && name.starts_with(start) && name.ends_with(end) && !name.ends_with(ENDING)
+        })
+        .collect();
     graphs.sort();
     for graph in &graphs {
-        may_be_read(&graph.strip_prefix(folder).unwrap_or(graph).to_string_lossy())?;
+        may_be_read(&graph.strip_prefix(folder).unwrap_or(graph).to_string_lossy(), &here, &roots)?;
     }
-    if graphs.is_empty() { Err(missing()) } else { Ok(graphs) }
+    if graphs.is_empty() { Err(missing(pattern)) } else { Ok(graphs) }
 }
 
 /// All test files in a folder and those inside of it, sorted; what is no folder as it is. Links to folders are not followed: they
@@ -503,7 +507,7 @@ pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let here = if folder == Path::new("") { Path::new(".") } else { folder };
     let files = std::fs::read_dir(here).into_iter().flatten().flatten();
     let files = files.map(|file| folder.join(file.file_name()));
-    let mut tests = Vec::from_iter(files.filter(|path| path.to_string_lossy().ends_with(ENDING)));
+    let mut tests: Vec<_> = files.filter(|path| path.to_string_lossy().ends_with(ENDING)).collect();
     tests.sort();
     tests
 }
@@ -511,12 +515,15 @@ pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
 /// The test files that test a graph: beside it, or else in the nearest folder above that has some.
 pub fn tests_of(graph: &Path) -> Vec<PathBuf> {
     let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
-    let is_of = |path: &PathBuf| {
-        let tests = |test: TestFile| test.graphs.iter().any(|graph| is_same(graph, &wanted));
-        skim(path).is_some_and(tests)
-    };
     for folder in graph.ancestors().skip(1) {
-        let tests = Vec::from_iter(in_folder(folder).into_iter().filter(is_of));
+        let tests: Vec<_> = in_folder(folder)
+            .into_iter()
+            .filter(|path| {
+                skim(path).is_some_and(|test: TestFile| {
+                    test.graphs.iter().any(|graph| is_same(graph, &wanted))
+                })
+            })
+            .collect();
         if !tests.is_empty() {
             return tests;
         }
@@ -543,7 +550,9 @@ pub fn test_schema() -> serde_json::Value {
 /// The words of tests.
 pub fn words() -> Vec<maquette_graph::Word> {
     use maquette_graph::{words_of_choices, words_of_fields};
-    let fields = |within, schema: schemars::Schema| words_of_fields("test", within, &schema.into());
+    fn fields(within: &str, schema: schemars::Schema) -> Vec<maquette_graph::Word> {
+        words_of_fields("test", within, &schema.into())
+    }
     let mut words = fields("Test", schemars::schema_for!(Test));
     words.extend(fields("cases", schemars::schema_for!(Case)));
     words.extend(fields("budget", schemars::schema_for!(Budget)));
@@ -562,11 +571,14 @@ mod tests {
         let path = folder.path().join("doll.test.ron");
         std::fs::write(&path, text).unwrap();
         let problems = read(&path, &Catalog::new(&[])).err().unwrap_or_default();
-        let line = |problem: &Problem| {
-            let place = maquette_syntax::error::Place::of(&problem.source.text, problem.span.start);
-            format!("{}:{} {} {}", place.line, place.column, problem.code, problem.message)
-        };
-        problems.iter().map(line).collect()
+        problems
+            .iter()
+            .map(|problem| {
+                let place =
+                    maquette_syntax::error::Place::of(&problem.source.text, problem.span.start);
+                format!("{}:{} {} {}", place.line, place.column, problem.code, problem.message)
+            })
+            .collect()
     }
 
     #[test]

@@ -249,7 +249,9 @@ pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Compari
     if let (Some(old), Some(new)) = (old.get::<Mesh>(), new.get::<Mesh>()) {
         return compare_meshes(old, new, tolerance, &|_| 0.0);
     }
-    let order = |value: &AnyValue| without_order(value);
+    fn order(value: &AnyValue) -> Option<u128> {
+        without_order(value)
+    }
     if let (Some(a), Some(b)) = (order(old), order(new))
         && a == b
     {
@@ -268,8 +270,9 @@ pub(crate) fn compare_parts(
     tolerance: &Tolerance,
 ) -> Comparison {
     let mut reasons = different_facts(&old.facts, &new.facts);
-    let names =
-        |parts: &GoldenParts| Vec::from_iter(parts.columns.iter().map(|part| part.name.clone()));
+    let names = |parts: &GoldenParts| {
+        parts.columns.iter().map(|part| part.name.clone()).collect::<Vec<_>>()
+    };
     let (before, now) = (names(old), names(new));
     reasons.extend(before.iter().filter(|n| !now.contains(n)).map(|n| format!("`{n}` is gone")));
     reasons.extend(now.iter().filter(|n| !before.contains(n)).map(|n| format!("`{n}` is new")));
@@ -277,7 +280,9 @@ pub(crate) fn compare_parts(
     for part in &old.columns {
         let Some(other) = new.column(&part.name) else { continue };
         if part.count != other.count || part.width != other.width {
-            let length = |part: &GoldenColumn| format!("{} x {}", part.count, part.width);
+            fn length(part: &GoldenColumn) -> String {
+                format!("{} x {}", part.count, part.width)
+            }
             reasons.push(format!(
                 "`{}`: {} entries became {}",
                 part.name,
@@ -301,16 +306,24 @@ pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]
             None => reasons.push(format!("{name}: {before} is gone")),
         }
     }
-    let is_new = |(name, _): &&(String, String)| !old.iter().any(|(other, _)| other == name);
-    reasons.extend(new.iter().filter(is_new).map(|(name, now)| format!("{name}: {now} is new")));
+    reasons.extend(
+        new.iter()
+            .filter(|(name, _)| !old.iter().any(|(other, _)| other == name))
+            .map(|(name, now)| format!("{name}: {now} is new")),
+    );
     reasons
 }
 
 /// Values of a type that only its pack knows: by what they tell of themselves.
 fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
-    let facts = |value: &AnyValue| {
-        Vec::from_iter(value.describe().0.into_iter().map(|(name, fact)| (name, fact.to_string())))
-    };
+    fn facts(value: &AnyValue) -> Vec<(String, String)> {
+        value
+            .describe()
+            .0
+            .into_iter()
+            .map(|(name, fact)| (name, fact.to_string()))
+            .collect::<Vec<_>>()
+    }
     let mut reasons = different_facts(&facts(old), &facts(new));
     if reasons.is_empty() {
         reasons.push("the content changed, but nothing that its summary tells".into());

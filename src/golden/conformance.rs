@@ -177,22 +177,22 @@ fn defaults(entry: &Entry, broken: &mut Vec<String>) {
 
 /// Everything that needs a graph with the node in it.
 fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
-    let path = examples.join(format!("{}.ron", entry.name));
-    let load = |set: Vec<(String, String)>| {
-        Graph::load(&path, catalog, &Options { set, ..Options::default() })
-    };
-    let checked = load(Vec::new());
+    let example = examples.join(format!("{}.ron", entry.name));
+    fn load(set: Vec<(String, String)>, path: &Path, catalog: &Catalog) -> maquette_graph::Checked {
+        Graph::load(path, catalog, &Options { set, ..Options::default() })
+    }
+    let checked = load(Vec::new(), &example, catalog);
     let Some(graph) = checked.graph else {
         let why = checked.problems.into_iter().map(|problem| problem.message);
         broken.push(format!(
             "the example {} does not check: {}",
-            path.display(),
+            example.display(),
             Vec::from_iter(why).join("; ")
         ));
         return;
     };
     let Some(index) = graph.nodes().iter().position(|node| node.kind() == entry.name) else {
-        broken.push(format!("the example {} has no {}", path.display(), entry.name));
+        broken.push(format!("the example {} has no {}", example.display(), entry.name));
         return;
     };
     let mut hashes = Vec::new();
@@ -201,7 +201,9 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
             Ok(values) => hashes.push(
                 values.iter().map(|value| value.as_ref().map(AnyValue::hash)).collect::<Vec<_>>(),
             ),
-            Err(why) => broken.push(format!("the example {} does not run: {why}", path.display())),
+            Err(why) => {
+                broken.push(format!("the example {} does not run: {why}", example.display()))
+            }
         }
     }
     if hashes.windows(2).any(|pair| pair[0] != pair[1]) {
@@ -209,7 +211,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     }
     for path in changes(&graph.nodes()[index].recipe.parameters, entry.schema()) {
         let set = vec![(format!("{}.{}", graph.nodes()[index].name, path.0), path.1.clone())];
-        let Some(changed) = load(set).graph else { continue };
+        let Some(changed) = load(set, &example, catalog).graph else { continue };
         let changed_node =
             changed.find(&graph.nodes()[index].name).map(|index| &changed.nodes()[index]);
         if changed_node
@@ -224,7 +226,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     let Ok(values) = run_all(&graph) else { return };
     let hostile = Hostile(catalog.value_types());
     hostile_inputs(entry, &graph, index, &values, &hostile, broken);
-    let load = |set| load(set).graph;
+    let load = |set| load(set, &example, catalog).graph;
     let case = extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile };
     promises::check(&case, broken);
     attributes::check(&case, broken);
@@ -283,11 +285,10 @@ fn change(
         Json::String(word) => {
             let others = variants(&schema).into_iter().filter(|(name, _)| *name != word);
             // Of the fields of a variant all may have defaults.
-            let text = |(name, content): (&str, Option<&Json>)| match content {
+            changes.extend(others.map(|(name, content): (&str, Option<&Json>)| match content {
                 Some(_) => (path.to_owned(), format!("{name}()")),
                 None => (path.to_owned(), name.to_owned()),
-            };
-            changes.extend(others.map(text));
+            }));
         }
         Json::Array(items) => {
             // Lists may be long, and their entries are alike.
@@ -375,8 +376,11 @@ fn run_all(graph: &Graph) -> Result<Values, String> {
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
     let places = (0..graph.nodes().len())
         .flat_map(|node| (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output)));
-    let value = |place: (usize, usize)| Some((place, evaluation.value(place.0, place.1)?.clone()));
-    Ok(places.filter_map(value).collect())
+    Ok(places
+        .filter_map(|place: (usize, usize)| {
+            Some((place, evaluation.value(place.0, place.1)?.clone()))
+        })
+        .collect())
 }
 
 /// Evaluates a node by itself; an error is what a panic said.
@@ -474,7 +478,7 @@ mod tests {
         };
         let schema = Json::from(schemars::schema_for!(Heal));
         let changes = changes(&serde_json::to_value(&node).unwrap(), &schema);
-        let changes = Vec::from_iter(changes.iter().map(|(path, to)| format!("{path} {to}")));
+        let changes: Vec<_> = changes.iter().map(|(path, to)| format!("{path} {to}")).collect();
         assert_eq!(
             changes,
             [

@@ -25,7 +25,7 @@ pub(crate) struct Sketch {
 impl Sketch {
     /// Unknown numbers count as 0, infinite ones as 1: those that come or go are seen.
     pub(crate) fn of(numbers: &[f64]) -> Self {
-        let of_chunk = |(chunk, numbers): (usize, &[f64])| {
+        fn of_chunk((chunk, numbers): (usize, &[f64])) -> ([f64; 4], u64) {
             let (mut sums, mut bits) = ([0.0; SUMS], 0u64);
             for (k, x) in numbers.iter().enumerate() {
                 let mut state = (chunk * CHUNK + k) as u64;
@@ -39,7 +39,7 @@ impl Sketch {
                 sums.iter_mut().for_each(|sum| *sum += x * weight(&mut state));
             }
             (sums, bits)
-        };
+        }
         let chunks: Vec<_> = numbers.par_chunks(CHUNK).enumerate().map(of_chunk).collect();
         chunks.iter().fold(Self { sums: [0.0; SUMS], bits: 0 }, |total, (sums, bits)| Self {
             sums: [0, 1, 2, 3].map(|k| total.sums[k] + sums[k]),

@@ -6,7 +6,7 @@ use maquette_syntax::{Body, Finding, Kind, Tree};
 /// Takes out the smallest fields and entries in which something was found, or that are broken. Items of lists, such as expectations, go as a
 /// whole: without a field they would say something else.
 pub(super) fn keep_sound(test: &mut Tree, findings: &[Finding]) {
-    mend(test, &Vec::from_iter(findings.iter().map(|finding| finding.span)));
+    mend(test, &findings.iter().map(|finding| finding.span).collect::<Vec<_>>());
 }
 
 fn mend(tree: &mut Tree, places: &[Span]) {

@@ -61,16 +61,22 @@ impl Written {
 
     /// The files in as many lines.
     pub(crate) fn note(files: &[Self]) -> Vec<u8> {
-        let line = |file: &Self| format!("{}\t{}\n", file.content, file.name);
-        files.iter().map(line).collect::<String>().into_bytes()
+        files
+            .iter()
+            .map(|file| format!("{}\t{}\n", file.content, file.name))
+            .collect::<String>()
+            .into_bytes()
     }
 
     pub(crate) fn read(note: &[u8]) -> Option<Vec<Self>> {
-        let file = |line: &str| {
-            let (content, name) = line.split_once('\t')?;
-            Some(Self { name: name.to_owned(), content: content.to_owned() })
-        };
-        std::str::from_utf8(note).ok()?.lines().map(file).collect()
+        std::str::from_utf8(note)
+            .ok()?
+            .lines()
+            .map(|line| {
+                let (content, name) = line.split_once('\t')?;
+                Some(Self { name: name.to_owned(), content: content.to_owned() })
+            })
+            .collect()
     }
 }
 
@@ -190,36 +196,48 @@ pub enum NoGolden {
 
 /// The golden of this name in a folder.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
-    let file = |suffix: &str| plain::read(&folder.join(format!("{name}{suffix}"))).ok();
-    let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
+    fn file(suffix: &str, name: &str, folder: &Path) -> Option<Vec<u8>> {
+        plain::read(&folder.join(format!("{name}{suffix}"))).ok()
+    }
+    fn damaged(suffix: &str, name: &str) -> NoGolden {
+        NoGolden::Damaged(format!("{name}{suffix} is damaged"))
+    }
     // Which of both is wrong cannot be told.
-    let unlike = |suffix: &str| {
+    fn unlike(suffix: &str, name: &str) -> NoGolden {
         NoGolden::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
-    };
-    let gone = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is gone"));
-    let text = file(".txt").ok_or(NoGolden::Missing)?;
+    }
+    fn gone(suffix: &str, name: &str) -> NoGolden {
+        NoGolden::Damaged(format!("{name}{suffix} is gone"))
+    }
+    let text = file(".txt", name, folder).ok_or(NoGolden::Missing)?;
     let text = plain::text_of(text);
     let text = text.map_err(|error| NoGolden::Damaged(format!("{name}.txt: {error}")))?;
     if let Some(line) = conflict_line(&text) {
         let message = format!("{name}.txt, line {line}: {CONFLICT}");
         return Err(NoGolden::Damaged(message));
     }
-    let line = |line: &str| {
-        let (label, text) = line.split_once("  ").unwrap_or((line, ""));
-        (label.to_owned(), text.trim().to_owned())
+    let [bin, png, view] =
+        [".bin", ".png", ".view.png"].map(|suffix| (suffix, file(suffix, name, folder)));
+    let golden = Golden {
+        lines: text
+            .lines()
+            .map(|line| {
+                let (label, text) = line.split_once("  ").unwrap_or((line, ""));
+                (label.to_owned(), text.trim().to_owned())
+            })
+            .collect(),
+        ..Golden::default()
     };
-    let [bin, png, view] = [".bin", ".png", ".view.png"].map(|suffix| (suffix, file(suffix)));
-    let golden = Golden { lines: text.lines().map(line).collect(), ..Golden::default() };
     if golden.line(FORM) == Some(THIS_FORM) {
         for (suffix, bytes) in [&bin, &png, &view] {
             match (golden.line(&kept_in(suffix)), bytes.as_deref().map(content)) {
-                (Some(_), None) => return Err(gone(suffix)),
-                (was, is) if was != is.as_deref() => return Err(unlike(suffix)),
+                (Some(_), None) => return Err(gone(suffix, name)),
+                (was, is) if was != is.as_deref() => return Err(unlike(suffix, name)),
                 _ => {}
             }
         }
     } else if bin.1.as_ref().is_some_and(|bytes| !bytes.starts_with(EARLIER)) {
-        return Err(damaged(".bin"));
+        return Err(damaged(".bin", name));
     }
     Ok(Golden { bin: bin.1, png: png.1, view: view.1, ..golden })
 }
@@ -231,10 +249,12 @@ impl Golden {
 
     /// The largest differences that were ever accepted, by what was measured.
     pub(crate) fn needed(&self) -> Vec<(String, f64)> {
-        let needed = |(label, text): &(String, String)| {
-            Some((label.strip_prefix("needed ")?.to_owned(), text.parse().ok()?))
-        };
-        self.lines.iter().filter_map(needed).collect()
+        self.lines
+            .iter()
+            .filter_map(|(label, text)| {
+                Some((label.strip_prefix("needed ")?.to_owned(), text.parse().ok()?))
+            })
+            .collect()
     }
 
     /// Whether it was written by an earlier program, whose numbers are not enough to judge by.
@@ -267,14 +287,14 @@ impl Golden {
 
     /// The picture that was kept, as it is or as every n-th pixel, or how a mesh looked of which only some was kept.
     pub(crate) fn picture(&self) -> Option<&Image> {
-        let read = || png::read(self.png.as_ref().or(self.view.as_ref())?).ok();
-        self.picture.get_or_init(read).as_ref()
+        self.picture
+            .get_or_init(|| png::read(self.png.as_ref().or(self.view.as_ref())?).ok())
+            .as_ref()
     }
 
     /// The numbers that were kept.
     pub(crate) fn kept(&self) -> Option<&Kept> {
-        let read = || unpack(self.bin.as_ref().filter(|_| !self.is_earlier())?);
-        self.kept.get_or_init(read).as_ref()
+        self.kept.get_or_init(|| unpack(self.bin.as_ref().filter(|_| !self.is_earlier())?)).as_ref()
     }
 
     /// How far each vertex of a mesh is from where it was, judged by the vertex that was kept nearest to it: in the list if this
@@ -289,12 +309,20 @@ impl Golden {
             return Some((0..position.count).map(|k| far[k / position.stride]).collect());
         }
         let far = distances_of(&kept, mesh);
-        let nearest = |vertex: &Point3<f64>| {
-            let distance_sq = |k: &usize| (kept[*k] - vertex).norm_squared();
-            let nearest = (0..kept.len()).min_by(|a, b| distance_sq(a).total_cmp(&distance_sq(b)));
-            nearest.map_or(f64::INFINITY, |k| far[k])
-        };
-        Some(mesh.positions().par_iter().map(nearest).collect())
+        Some(
+            mesh.positions()
+                .par_iter()
+                .map(|vertex| {
+                    fn distance_sq(k: &usize, kept: &[Point3<f64>], vertex: &Point3<f64>) -> f64 {
+                        (kept[*k] - vertex).norm_squared()
+                    }
+                    let nearest = (0..kept.len()).min_by(|a, b| {
+                        distance_sq(a, &kept, vertex).total_cmp(&distance_sq(b, &kept, vertex))
+                    });
+                    nearest.map_or(f64::INFINITY, |k| far[k])
+                })
+                .collect(),
+        )
     }
 
     /// The mesh that was kept, or the surface as one, if all of it was.
@@ -332,7 +360,7 @@ impl Golden {
         let vertices: Vec<u32> = corners.numbers.iter().map(|&x| x as u32).collect();
         let faces = match kept.numbers("sides") {
             Some(sides) => {
-                Faces::polygons(&Vec::from_iter(sides.iter().map(|&x| x as usize)), vertices)
+                Faces::polygons(&sides.iter().map(|&x| x as usize).collect::<Vec<_>>(), vertices)
             }
             None => Faces::uniform(corners.width, vertices),
         };

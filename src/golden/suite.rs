@@ -288,7 +288,8 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     }
     let mut jobs: Vec<Job<'_>> = jobs.iter().filter(wanted).cloned().collect();
     if let Some(shard) = settings.shard {
-        let mut is_in = shard.contains(&Vec::from_iter(jobs.iter().map(Job::title))).into_iter();
+        let mut is_in =
+            shard.contains(&jobs.iter().map(Job::title).collect::<Vec<_>>()).into_iter();
         jobs.retain(|_| is_in.next().unwrap_or(false));
         if !shard.is_first() {
             problems.clear();
@@ -368,13 +369,13 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     };
     let report = run(&case::find(folder), &settings)?;
     let mut failures =
-        Vec::from_iter(report.problems.iter().map(|problem| problem.message.clone()));
+        report.problems.iter().map(|problem| problem.message.clone()).collect::<Vec<_>>();
     for case in report.cases.iter().filter(|case| case.failed()) {
         failures.extend(case.reasons().iter().map(|why| format!("{}: {why}", case.title())));
     }
     let orphans = report.orphans.iter();
     failures.extend(orphans.map(|path| format!("{} belongs to no test", path.display())));
-    let mut graphs = Vec::from_iter(report.cases.iter().map(|case| case.graph.clone()));
+    let mut graphs: Vec<_> = report.cases.iter().map(|case| case.graph.clone()).collect();
     graphs.dedup();
     let passed = report.count(|case| case.state == State::Passed);
     Ok(TestRun { passed, graphs, failures, report })
@@ -395,15 +396,15 @@ pub fn cold_session(catalog: &Arc<Catalog>, max_memory: Option<u64>) -> Result<S
 /// What is said where no case is meant, with those that may have been.
 fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
     const SOME: usize = 10;
-    let titles = Vec::from_iter(jobs.iter().map(Job::title));
+    let titles: Vec<_> = jobs.iter().map(Job::title).collect();
     let words = titles.iter().flat_map(|title| title.split([' ', '/', '.']));
     let help = maquette_syntax::nearest(filter, words);
-    let some = || {
+    fn some(titles: &[String]) -> String {
         let more = if titles.len() > SOME { ", .." } else { "" };
-        let some = Vec::from_iter(titles.iter().take(SOME).map(String::as_str)).join(", ");
+        let some = titles.iter().take(SOME).map(String::as_str).collect::<Vec<_>>().join(", ");
         format!("the cases: {some}{more}")
-    };
-    let help = if help.is_empty() { some().into() } else { help };
+    }
+    let help = if help.is_empty() { some(&titles).into() } else { help };
     format!("no case of a graph holds `{filter}` in its name; {help}")
 }
 

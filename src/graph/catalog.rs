@@ -122,15 +122,18 @@ impl Entry {
 
     /// What people and programs are told of it.
     pub fn description(&self) -> Description<'_> {
-        let output = |output: &Output| {
-            (output.name.to_owned(), output.types.iter().map(|kind| kind.name).collect())
-        };
         Description {
             name: &self.name,
             pack: self.pack,
             version: None,
             schema: self.schema(),
-            outputs: self.outputs().iter().map(output).collect(),
+            outputs: self
+                .outputs()
+                .iter()
+                .map(|output| {
+                    (output.name.to_owned(), output.types.iter().map(|kind| kind.name).collect())
+                })
+                .collect(),
             promises: self
                 .terms()
                 .iter()
@@ -155,16 +158,17 @@ struct NoFormat {
 /// Whether some name or description in a schema fits.
 fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
     let is_text = |value: &Json| value.as_str().is_some_and(fits);
-    let has = |(key, value): (&String, &Json)| match (&key[..], value) {
-        ("description" | "const", text) => is_text(text),
-        ("enum", Json::Array(choices)) => choices.iter().any(is_text),
-        ("properties", Json::Object(fields)) => {
-            fields.iter().any(|(name, field)| fits(name) || has_text(field, fits))
-        }
-        (_, inner) => has_text(inner, fits),
-    };
     match schema {
-        Json::Object(entries) => entries.iter().any(has),
+        Json::Object(entries) => {
+            entries.iter().any(|(key, value): (&String, &Json)| match (&key[..], value) {
+                ("description" | "const", text) => is_text(text),
+                ("enum", Json::Array(choices)) => choices.iter().any(is_text),
+                ("properties", Json::Object(fields)) => {
+                    fields.iter().any(|(name, field)| fits(name) || has_text(field, fits))
+                }
+                (_, inner) => has_text(inner, fits),
+            })
+        }
         Json::Array(items) => items.iter().any(|item| has_text(item, fits)),
         _ => false,
     }
@@ -228,7 +232,7 @@ impl Catalog {
     /// All nodes, with their ports, parameters and words, as `maquette nodes --json` prints them; and for each type of values the endings
     /// of the files that it is read from and written to.
     pub fn to_json(&self) -> Json {
-        let mut kinds = Vec::from_iter(self.value_types().into_values());
+        let mut kinds: Vec<_> = self.value_types().into_values().collect();
         kinds.sort_by_key(|kind| kind.name);
         let value = |kind: &ValueType| {
             let (read, written) = (self.readers.endings(Some(kind.name)), self.endings(Some(kind)));
@@ -380,18 +384,20 @@ impl Catalog {
 
     /// Nodes that take a value of the first type and give one of the second.
     pub(crate) fn converters(&self, from: &str, to: &str) -> Vec<&str> {
-        let converts = |entry: &&Entry| {
-            entry
-                .outputs()
-                .first()
-                // An output of several types has the one that came in.
-                .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
-                && entry
-                    .ports()
+        self.entries()
+            .filter(|entry| {
+                entry
+                    .outputs()
                     .first()
-                    .is_some_and(|port| port.types.iter().any(|kind| kind == from))
-        };
-        self.entries().filter(converts).map(|entry| entry.name.as_str()).collect()
+                    // An output of several types has the one that came in.
+                    .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
+                    && entry
+                        .ports()
+                        .first()
+                        .is_some_and(|port| port.types.iter().any(|kind| kind == from))
+            })
+            .map(|entry| entry.name.as_str())
+            .collect()
     }
 }
 
@@ -444,18 +450,23 @@ mod tests {
     fn a_node_says_how_exact_it_is_and_is_exact_if_it_does_not() {
         const NODES: &[NodeType] = &[node::<Nothing>(), node::<Rough>()];
         let catalog = Catalog::new(&[&Pack { nodes: NODES, ..Pack::EMPTY }]);
-        let told = |name: &str| catalog.find(name).unwrap().to_json()["exactness"].take();
-        assert_eq!([told("Nothing"), told("Rough")], [json!("exact"), json!({ "tolerant": 1e-6 })]);
+        fn told(name: &str, catalog: &Catalog) -> Json {
+            catalog.find(name).unwrap().to_json()["exactness"].take()
+        }
+        assert_eq!(
+            [told("Nothing", &catalog), told("Rough", &catalog)],
+            [json!("exact"), json!({ "tolerant": 1e-6 })]
+        );
     }
 
     #[test]
     fn a_pack_is_known_by_its_build_or_by_where_its_code_is() {
         const NODES: &[NodeType] = &[node::<Nothing>(), node::<Nothing>()];
         static VALUES: [&ValueType; 1] = [value_type::<Mesh>()];
-        let check = |pack: Pack, build: &str, others: usize| {
+        fn check(pack: Pack, build: &str, others: usize) {
             let code = Catalog::new(&[&Pack::EMPTY, &pack]).code()[1].clone();
             assert_eq!((code.build, code.others.len()), (build, others), "{code:?}");
-        };
+        }
         check(Pack::EMPTY, "", 0);
         let all = Pack {
             nodes: NODES,

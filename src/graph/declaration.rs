@@ -43,9 +43,15 @@ impl Declaration {
     /// The declaration; none if it has no type or default.
     pub(crate) fn read(name: &str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
         let tree = &declaration_in_own_unit(tree, name, findings);
-        let mut find = |code, span, message: String, help: Help| {
+        fn find(
+            code: &'static str,
+            span: Span,
+            message: String,
+            help: Help,
+            findings: &mut Vec<Finding>,
+        ) {
             findings.push(Finding { code, span, message, help, note: None });
-        };
+        }
         let kind = match tree.name() {
             Some(kind) if TYPES.contains(&&kind.text[..]) => kind.text,
             Some(kind) => {
@@ -55,13 +61,20 @@ impl Declaration {
                     kind.span,
                     message,
                     nearest_or_all(&kind.text, "types", &TYPES),
+                    findings,
                 );
                 return None;
             }
             None if tree.is_broken() => return None,
             None => {
                 let message = format!("parameter `{name}` has no type");
-                find(code::WRONG_VALUE, tree.span, message, "write Number(default: 1.0)".into());
+                find(
+                    code::WRONG_VALUE,
+                    tree.span,
+                    message,
+                    "write Number(default: 1.0)".into(),
+                    findings,
+                );
                 return None;
             }
         };
@@ -93,6 +106,7 @@ impl Declaration {
                     field.name.span,
                     message,
                     nearest_or_all(word, "its fields", known),
+                    findings,
                 );
                 continue;
             }
@@ -121,7 +135,7 @@ impl Declaration {
                                     }
                                     None => "as in `of: [Left, Right]`".into(),
                                 };
-                                find(code::WRONG_VALUE, item.span, message, help);
+                                find(code::WRONG_VALUE, item.span, message, help, findings);
                             }
                         }
                     }
@@ -147,12 +161,18 @@ impl Declaration {
                         value.in_words()
                     ),
                 };
-                find(code::WRONG_VALUE, value.span, message, Help::default());
+                find(code::WRONG_VALUE, value.span, message, Help::default(), findings);
             }
         }
         if !has_choices {
             let message = format!("parameter `{name}` has no choices");
-            find(code::MISSING_FIELD, tree.span, message, "write `of: [Left, Right]`".into());
+            find(
+                code::MISSING_FIELD,
+                tree.span,
+                message,
+                "write `of: [Left, Right]`".into(),
+                findings,
+            );
             return None;
         }
         if let (Some(min), Some(max)) = (declaration.min, declaration.max)
@@ -164,12 +184,13 @@ impl Declaration {
                 tree.span,
                 message,
                 "no value is in between: swap them?".into(),
+                findings,
             );
             return None;
         }
         if !has_default {
             let message = format!("parameter `{name}` has no default");
-            find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into());
+            find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into(), findings);
             return None;
         }
         is_whole.then_some(declaration)
@@ -192,10 +213,12 @@ impl Declaration {
         let is_set = matches!(tree.origin, Some(Origin::Set(_)));
         let in_range =
             |x: f64| self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max);
-        let number = |tree: &Tree| match tree.kind {
-            Kind::Number { value, .. } => Some(value),
-            _ => None,
-        };
+        fn number(tree: &Tree) -> Option<f64> {
+            match tree.kind {
+                Kind::Number { value, .. } => Some(value),
+                _ => None,
+            }
+        }
         let mut out_of_range = None;
         let mut limited = |x: f64| {
             if !in_range(x) {
@@ -235,7 +258,7 @@ impl Declaration {
                 self.min.map(|min| format!("at least {min}")),
                 self.max.map(|max| format!("at most {max}")),
             ];
-            let limits = Vec::from_iter(limits.into_iter().flatten()).join(" and ");
+            let limits = limits.into_iter().flatten().collect::<Vec<_>>().join(" and ");
             find(
                 code::OUT_OF_RANGE,
                 format!("parameter `{}` is {x}{unit}, but must be {limits}{unit}", self.name),
@@ -271,19 +294,19 @@ impl Declaration {
 /// The description as that of a built-in node's field, so that a use of the graph is checked and documented by the same code.
 impl Declaration {
     pub(crate) fn schema(&self) -> Json {
-        let limited = |kind: &str| {
+        fn limited(kind: &str, min: &Option<f64>, max: &Option<f64>) -> Json {
             let mut schema = json!({ "type": kind });
-            let limits = [("minimum", self.min), ("maximum", self.max)];
+            let limits = [("minimum", *min), ("maximum", *max)];
             for (name, limit) in limits {
                 if let Some(limit) = limit {
                     schema[name] = limit.into();
                 }
             }
             schema
-        };
+        }
         let mut schema = match &self.kind[..] {
-            "Number" => limited("number"),
-            "Integer" => limited("integer"),
+            "Number" => limited("number", &self.min, &self.max),
+            "Integer" => limited("integer", &self.min, &self.max),
             "Toggle" => json!({ "type": "boolean" }),
             "Color" => json!({ "type": "string", "format": "color" }),
             "Choice" => json!({ "type": "string", "enum": self.choices }),
@@ -292,7 +315,7 @@ impl Declaration {
                     Kind::Call { body: Body::Items(items), .. } => items.len(),
                     _ => 0,
                 };
-                let items = limited("number");
+                let items = limited("number", &self.min, &self.max);
                 json!({ "type": "array", "items": items, "minItems": count, "maxItems": count })
             }
             _ => json!({ "type": "string" }),

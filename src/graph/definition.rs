@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use maquette_node::{AnyNode, Exactness, Output};
+use maquette_node::{AnyNode, Exactness};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Finding, FoundFile, FoundLink, Name, Sheet, Tree};
 use maquette_value::ValueType;
@@ -63,12 +63,14 @@ impl Definition {
 
     /// How equal its results are on all machines: as equal as those of the worst of its nodes.
     pub(super) fn exactness(&self) -> Exactness {
-        let of_draft = |draft: &Draft| match &draft.what {
-            What::Node(entry) => entry.exactness(),
-            What::Use(_, graph) => graph.exactness(),
-            _ => Exactness::Exact,
-        };
-        self.drafts.iter().map(of_draft).fold(Exactness::Exact, Exactness::and)
+        self.drafts
+            .iter()
+            .map(|draft| match &draft.what {
+                What::Node(entry) => entry.exactness(),
+                What::Use(_, graph) => graph.exactness(),
+                _ => Exactness::Exact,
+            })
+            .fold(Exactness::Exact, Exactness::and)
     }
 }
 
@@ -168,12 +170,15 @@ impl What {
 
     /// The type of each output, as far as no link decides it.
     pub fn types(&self) -> Vec<Option<&'static ValueType>> {
-        let of_node = |output: &Output| match output.types[..] {
-            [kind] => Some(kind),
-            _ => None,
-        };
         match self {
-            Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
+            Self::Node(entry) => entry
+                .outputs()
+                .iter()
+                .map(|output| match output.types[..] {
+                    [kind] => Some(kind),
+                    _ => None,
+                })
+                .collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
             _ => Vec::new(),
         }

@@ -21,15 +21,16 @@ pub struct Subgraph {
 
 impl Subgraph {
     pub fn new(name: &str, definition: &Definition) -> Self {
-        let output = |port: &super::definition::Port| {
-            (port.name.clone(), port.kind.iter().map(|kind| kind.name).collect())
-        };
         Self {
             name: name.to_owned(),
             file: definition.sheet.source.name.display().to_string(),
             version: definition.version.as_ref().map(ToString::to_string),
             schema: definition.fields.clone(),
-            outputs: definition.ports.iter().map(output).collect(),
+            outputs: definition
+                .ports
+                .iter()
+                .map(|port| (port.name.clone(), port.kind.iter().map(|kind| kind.name).collect()))
+                .collect(),
             promises: definition.promises().map(|(port, it)| (port.into(), it.into())).collect(),
             exactness: definition.exactness(),
         }
@@ -67,8 +68,10 @@ impl Subgraph {
             }
         }
         let missing = |from: &[Self], to: &[Self]| {
-            let is_missing = |graph: &&Self| to.iter().all(|other| other.name != graph.name);
-            from.iter().filter(is_missing).cloned().collect::<Vec<_>>()
+            from.iter()
+                .filter(|graph| to.iter().all(|other| other.name != graph.name))
+                .cloned()
+                .collect::<Vec<_>>()
         };
         let (from_old, from_new) = (missing(old, new), missing(new, old));
         old.extend(from_new);

@@ -99,14 +99,18 @@ impl fmt::Display for Difference {
             write!(f, " {}", self.name)?;
         }
         write!(f, ": {}", self.change.word())?;
-        let side = |value: &Option<String>| value.as_deref().map(shortened);
+        fn side(value: &Option<String>) -> Option<String> {
+            value.as_deref().map(shortened)
+        }
         match (self.change, side(&self.before), side(&self.after)) {
             (Change::Added, _, Some(value)) | (Change::Removed, Some(value), _) => {
                 write!(f, ": {value}")
             }
             (Change::Renamed, Some(before), _) => write!(f, ", was {before}"),
             (_, before, after) => {
-                let absent = || "left out".to_owned();
+                fn absent() -> String {
+                    "left out".to_owned()
+                }
                 let gap = if self.field.is_empty() { "" } else { " " };
                 let (before, after) = (before.unwrap_or_else(absent), after.unwrap_or_else(absent));
                 write!(f, "{gap}{}: {before} -> {after}", self.field)
@@ -138,31 +142,38 @@ impl Graph {
     ) -> Result<Vec<Difference>, Vec<Problem>> {
         let folder = folder_of(&old.name);
         let is_one_project = project_root(&folder) == project_root(&folder_of(&new.name));
-        let read = |source: &Source| {
+        fn read(
+            source: &Source,
+            is_one_project: bool,
+            folder: &std::path::Path,
+            catalog: &Catalog,
+        ) -> (Tree, Vec<Subgraph>, Vec<Problem>) {
             let (tree, mistakes) = parse(&source.text);
             let problems = syntax_problems(&source.name, &source.text, mistakes);
             let is_plain = tree.fields().is_some_and(|fields| {
                 fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
             });
-            let is_near = !is_one_project || folder_of(&source.name) == folder;
+            let is_near = !is_one_project || folder_of(&source.name) == *folder;
             if is_plain && is_near || !problems.is_empty() {
                 return (renewed_graph(&tree, catalog), Vec::new(), problems);
             }
             // The graphs that it uses say which of its values are defaults; a patch says what it is by the graph that it patches.
             let options = Options { files: Files::Ignored, ..Options::default() };
             let (path, text) = (&source.name, source.text.clone());
-            let (graphs, _) = Self::subgraphs_of(path, text.clone(), catalog, &options);
+            let (graphs, _) = Graph::subgraphs_of(path, text.clone(), catalog, &options);
             let tree = match is_one_project {
                 true => first(path, text, catalog, &options)
                     .1
-                    .map_or(tree, |whole| parse(&seen_from(&whole.definition, &folder)).0),
+                    .map_or(tree, |whole| parse(&seen_from(&whole.definition, folder)).0),
                 false if is_patch(&tree) => patched_tree(path, text, catalog, &options),
                 false => tree,
             };
             (renewed_graph(&tree, catalog), graphs, problems)
-        };
-        let ((old, mut old_graphs, mut problems), (new, mut new_graphs, others)) =
-            (read(old), read(new));
+        }
+        let ((old, mut old_graphs, mut problems), (new, mut new_graphs, others)) = (
+            read(old, is_one_project, &folder, catalog),
+            read(new, is_one_project, &folder, catalog),
+        );
         Subgraph::make_comparable(&mut old_graphs, &mut new_graphs);
         let (old, new) =
             (Meaning::of(&old, catalog, &old_graphs), Meaning::of(&new, catalog, &new_graphs));
@@ -173,12 +184,13 @@ impl Graph {
 
 fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
     let mut found = Vec::new();
-    let is_new = |item: &&Item| old.rest.iter().all(|known| known.name != item.name);
-    let added = new.rest.iter().filter(is_new);
+    let added = new.rest.iter().filter(|item| old.rest.iter().all(|known| known.name != item.name));
     for Item { name, .. } in old.rest.iter().chain(added) {
         let item = |rest: &'_ [Item]| rest.iter().find(|item| item.name == *name).cloned();
         let (before, after) = (item(&old.rest), item(&new.rest));
-        let value = |item: &Option<Item>| item.as_ref().map(|item| item.value.clone());
+        fn value(item: &Option<Item>) -> Option<Tree> {
+            item.as_ref().map(|item| item.value.clone())
+        }
         if value(&before) != value(&after) {
             let [before, after] =
                 [before, after].map(|item| item.map(|item| item.show("", &item.value)));
@@ -221,10 +233,10 @@ impl Names {
 
     /// A value in the old graph's names in those of the new one.
     fn in_new(&self, tree: &Tree) -> Tree {
-        let back = |names: &HashMap<String, String>, wanted: &str| {
+        fn back(names: &HashMap<String, String>, wanted: &str) -> Option<String> {
             let mut found = names.iter().filter(|(_, old)| *old == wanted);
             found.next().map(|(new, _)| new.clone())
-        };
+        }
         renamed(tree, &|name| back(&self.nodes, name), &|name| back(&self.parameters, name))
     }
 
@@ -246,10 +258,10 @@ struct Section<'m> {
 
 impl Section<'_> {
     fn compare(&self, names: &mut Names, found: &mut Vec<Difference>) {
-        let places = |items: &[Item]| -> HashMap<String, usize> {
+        fn places(items: &[Item]) -> HashMap<String, usize> {
             let items = items.iter().enumerate();
             items.map(|(index, item)| (item.name.clone(), index)).collect()
-        };
+        }
         let (in_old, in_new) = (places(self.old), places(self.new));
         let gone = (0..self.old.len()).filter(|&k| !in_new.contains_key(&self.old[k].name));
         let come = (0..self.new.len()).filter(|&k| !in_old.contains_key(&self.new[k].name));
@@ -439,17 +451,21 @@ struct Walk<'a, 'm> {
 
 impl Walk<'_, '_> {
     fn entry(&mut self, old: &Tree, new: &Tree) {
-        let kind = |tree: &Tree| match &tree.kind {
-            Kind::Call { name: Some(name), .. } => Some(name.text.clone()),
-            _ => None,
-        };
+        fn kind(tree: &Tree) -> Option<String> {
+            match &tree.kind {
+                Kind::Call { name: Some(name), .. } => Some(name.text.clone()),
+                _ => None,
+            }
+        }
         match (kind(old), kind(new)) {
             (before, after) if before.is_some() && after.is_some() && before != after => {
                 self.report(Change::Changed, "type", before, after);
             }
             _ => {}
         }
-        let is_call = |tree: &Tree| kind(tree).is_some() && tree.fields().is_some();
+        fn is_call(tree: &Tree) -> bool {
+            kind(tree).is_some() && tree.fields().is_some()
+        }
         match is_call(old) && is_call(new) {
             true => self.fields(old, new, ""),
             false => self.value(Some(old), Some(new), String::new()),

@@ -88,18 +88,19 @@ const MOST_PATCHES: usize = 64;
 fn used_through(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
     let (tree, _) = parse(&source.text);
     let fields = tree.fields().unwrap_or_default();
-    let path = |tree: &Tree| {
+    fn path(tree: &Tree, source_name: &Path) -> Option<PathBuf> {
         let value = tree.call_of("Graph").unwrap_or(tree);
-        let named = || value.fields()?.iter().find(|field| field.name.text == "path")?.value.text();
-        let given = value.text().or_else(named)?;
-        let path = folder_of(&source.name).join(given);
+        let given = value.text().or_else(|| {
+            value.fields()?.iter().find(|field| field.name.text == "path")?.value.text()
+        })?;
+        let path = folder_of(source_name).join(given);
         Some(std::fs::canonicalize(&path).unwrap_or(path))
-    };
+    }
     if let Some(of) = fields.iter().find(|field| field.name.text == "of").filter(|_| 0 < most) {
-        let patched = path(&of.value).and_then(|path| self::source(&path));
+        let patched = path(&of.value, &source.name).and_then(|path| self::source(&path));
         return patched.map(|patched| used_through(&patched, most - 1)).unwrap_or_default();
     }
     entries(fields, "use")
-        .filter_map(|(name, value)| Some((name.to_owned(), path(value)?)))
+        .filter_map(|(name, value)| Some((name.to_owned(), path(value, &source.name)?)))
         .collect()
 }

@@ -5,12 +5,14 @@ use serde_json::Value as Json;
 
 /// The first place where two parameters differ, and what stands there; links and files are no parameters.
 pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
-    let plain = |json: &Json| json.get(LINK).is_none() && json.get(FILE).is_none();
-    let inside = |name: String, before: &Json, now: &Json| {
+    fn plain(json: &Json) -> bool {
+        json.get(LINK).is_none() && json.get(FILE).is_none()
+    }
+    fn inside(name: String, before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
         let (mut path, before, now) = parameter_difference(before, now)?;
         path.insert(0, name);
         Some((path, before, now))
-    };
+    }
     match (before, now) {
         _ if before == now || !plain(before) || !plain(now) => None,
         (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => {
@@ -26,7 +28,9 @@ pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, J
 
 /// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
 pub fn parameter_name(path: &[String]) -> String {
-    let is_index = |part: &String| part.bytes().all(|byte| byte.is_ascii_digit());
+    fn is_index(part: &String) -> bool {
+        part.bytes().all(|byte| byte.is_ascii_digit())
+    }
     let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
     let indices = path[last + 1..].iter().map(|index| format!("[{index}]"));
     path[last].clone() + &String::from_iter(indices)

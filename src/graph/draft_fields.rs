@@ -34,21 +34,31 @@ impl Graph {
 /// The drafts in a value, to which this way leads.
 pub(crate) fn collect(tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
     if is_draft(tree) {
-        let text = |draft| side(tree, draft).map_or(String::new(), show);
-        found.push(DraftField { field: path.to_owned(), sides: [text(false), text(true)] });
+        fn text(draft: bool, tree: &Tree) -> String {
+            side(tree, draft).map_or(String::new(), show)
+        }
+        found.push(DraftField {
+            field: path.to_owned(),
+            sides: [text(false, tree), text(true, tree)],
+        });
         return;
     }
-    let mut inside = |step: &str, tree: &Tree| collect(tree, &joined(path, step), found);
+    fn inside(step: &str, tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
+        collect(tree, &joined(path, step), found)
+    }
     match &tree.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-            items.iter().enumerate().for_each(|(index, item)| inside(&index.to_string(), item));
+            items
+                .iter()
+                .enumerate()
+                .for_each(|(index, item)| inside(&index.to_string(), item, path, found));
         }
         Kind::Call { body: Body::Fields(fields), .. } => {
-            fields.iter().for_each(|field| inside(&field.name.text, &field.value));
+            fields.iter().for_each(|field| inside(&field.name.text, &field.value, path, found));
         }
         Kind::Map(entries) => {
             for (key, value) in entries {
-                inside(key.text().unwrap_or_default(), value);
+                inside(key.text().unwrap_or_default(), value, path, found);
             }
         }
         _ => {}

@@ -38,17 +38,18 @@ pub(super) enum Over {
 impl Repeated {
     /// What it carries: the outputs, and the links of the first element.
     pub(super) fn carried(&self) -> Vec<(String, Tree)> {
-        let carried = |field: &Field| (name_of(&field.name.text), field.value.clone());
-        self.carry.iter().map(carried).collect()
+        self.carry.iter().map(|field| (name_of(&field.name.text), field.value.clone())).collect()
     }
 
     /// The elements of a list as calls of their own.
     pub(super) fn calls(&self, name: &str, list: &[Tree]) -> Vec<Tree> {
         let call = |(index, element): (usize, &Tree)| {
             let own = element.fields().unwrap_or_default();
-            let is_own = |field: &Field| own.iter().any(|own| own.name.text == field.name.text);
+            fn is_own(field: &Field, own: &[Field]) -> bool {
+                own.iter().any(|own| own.name.text == field.name.text)
+            }
             let mut fields = own.to_vec();
-            fields.extend(self.common.iter().filter(|field| !is_own(field)).cloned());
+            fields.extend(self.common.iter().filter(|field| !is_own(field, own)).cloned());
             fields.extend(self.number.as_ref().map(|number| numbered(number, index + 1)));
             fields.extend(self.carry.iter().map(|field| match index {
                 0 => field.clone(),
@@ -137,7 +138,9 @@ impl Check<'_, '_> {
         let (mut kind, mut over, mut most) = (None, None, None);
         let (mut each, mut number) = (None, None);
         let (mut with, mut links, mut carry) = (Vec::new(), Vec::new(), Vec::new());
-        let named = |text: &str, span: Span| Some(Name { text: text.to_owned(), span });
+        fn named(text: &str, span: Span) -> Option<Name> {
+            Some(Name { text: text.to_owned(), span })
+        }
         for field in fields {
             let draft = self.world.options.draft;
             let Some(value) = chosen(&field.value, draft, &mut self.findings) else { continue };
@@ -258,7 +261,7 @@ impl Branches {
         if word.is_empty() {
             return Help::default();
         }
-        let names = Vec::from_iter(self.cases.iter().map(|(name, _)| &name[..]));
+        let names: Vec<_> = self.cases.iter().map(|(name, _)| &name[..]).collect();
         nearest_or_all(word, "its cases", &names)
     }
 }

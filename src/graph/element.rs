@@ -12,17 +12,19 @@ use crate::quality::{is_draft, side};
 /// # Errors
 /// It names a node that has no place in the file; the help says where its values are.
 pub fn written(graph: &Tree, target: &str, draft: bool) -> Result<String, Refusal> {
-    let own = || Ok(target.to_owned());
+    fn own(target: &str) -> Result<String, Refusal> {
+        Ok(target.to_owned())
+    }
     let (name, path) = target.split_once('.').unwrap_or((target, ""));
-    let Some((outer, inner)) = name.split_once('/') else { return own() };
-    let Some(node) = entry(graph, "nodes", outer) else { return own() };
+    let Some((outer, inner)) = name.split_once('/') else { return own(target) };
+    let Some(node) = entry(graph, "nodes", outer) else { return own(target) };
     let kind = node.name().map_or(String::new(), |name| name.text);
-    let refuse = |message, help| {
+    fn refuse(message: String, help: String) -> Result<String, Refusal> {
         let refusal = Refusal::new(Span::default(), message, help);
         Err(Refusal { code: code::UNKNOWN_LINK, ..refusal })
-    };
+    }
     if kind != "ForEach" {
-        let Some(used) = entry(graph, "use", &kind) else { return own() };
+        let Some(used) = entry(graph, "use", &kind) else { return own(target) };
         let help = format!("{}, or set a parameter of it: {outer}.NAME=VALUE", in_file(used));
         return refuse(format!("`{name}` is inside of the graph that `{outer}` uses"), help);
     }

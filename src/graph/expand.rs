@@ -102,34 +102,50 @@ pub(super) fn expand<'a>(
     let (known, mut doubts) = Known::settle(&mut nodes);
     known.judge(&mut expect, &mut doubts);
     expect.retain(|expected| !expected.is_example);
-    let output = |output: &GraphOutput| {
-        let (node, index) = values.only((output.node, output.output))?;
-        Some(GraphOutput { node, output: index, ..output.clone() })
-    };
     // Of these nothing will come, which is to be told.
     let undecided = undecided.iter().filter(|_| is_partial);
-    let outputs = outputs.iter().chain(undecided).map(output).collect::<Option<_>>()?;
-    let port = |port: &super::definition::Port| {
-        let (node, output) = values.only(port.target?)?;
-        let (name, lineage) = (port.name.clone(), port.lineage.clone());
-        Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
-    };
-    let ports = definition.ports.iter().filter_map(port).collect();
-    let input = |(draft, target): (&Draft, &Option<Target>)| {
-        let kind = draft.types.first().copied().flatten()?;
-        Some(GraphInput::new(draft, kind, target.as_ref()?.0))
-    };
-    let inputs = definition.drafts.iter().zip(&scope.inputs).filter_map(input).collect();
+    let outputs = outputs
+        .iter()
+        .chain(undecided)
+        .map(|output| {
+            let (node, index) = values.only((output.node, output.output))?;
+            Some(GraphOutput { node, output: index, ..output.clone() })
+        })
+        .collect::<Option<_>>()?;
+    let ports = definition
+        .ports
+        .iter()
+        .filter_map(|port| {
+            let (node, output) = values.only(port.target?)?;
+            let (name, lineage) = (port.name.clone(), port.lineage.clone());
+            Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
+        })
+        .collect();
+    let inputs = definition
+        .drafts
+        .iter()
+        .zip(&scope.inputs)
+        .filter_map(|(draft, target): (&Draft, &Option<Target>)| {
+            let kind = draft.types.first().copied().flatten()?;
+            Some(GraphInput::new(draft, kind, target.as_ref()?.0))
+        })
+        .collect();
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
     let Definition { sheet, doc, schema, .. } = definition;
-    let warning = |code, span, message, help: &str| {
+    fn warning(
+        code: &'static str,
+        span: maquette_syntax::Span,
+        message: String,
+        help: &'static str,
+        sheet: &Arc<maquette_syntax::Sheet>,
+    ) -> Problem {
         let finding = Finding { code, span, message, help: help.into(), note: None };
         Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
-    };
+    }
     let unused = unused.iter().map(|(name, span)| {
         let help = "name an output for it, or leave it out";
-        warning(code::UNUSED, *span, format!("nothing needs `{name}`"), help)
+        warning(code::UNUSED, *span, format!("nothing needs `{name}`"), help, sheet)
     });
     let warnings = unused.chain(doubts).collect();
     let subgraphs = world.subgraphs.clone();
@@ -277,17 +293,21 @@ impl<'a> Expansion<'_, 'a> {
         for each in &definition.eaches {
             let element = each.elements.first().map(|&element| &definition.drafts[element].what);
             let Some(element) = element else { continue };
-            let output = |(index, name): (usize, &str)| {
-                let carried = each.carry.iter().any(|(carried, _)| carried == name);
-                let elements = if carried {
-                    &each.elements[each.elements.len() - 1..]
-                } else {
-                    &each.elements
-                };
-                let given = elements.iter().filter_map(|&k| values.only((k, index)));
-                (name.to_owned(), given.collect())
-            };
-            let outputs = element.outputs().into_iter().enumerate().map(output).collect();
+            let outputs = element
+                .outputs()
+                .into_iter()
+                .enumerate()
+                .map(|(index, name)| {
+                    let carried = each.carry.iter().any(|(carried, _)| carried == name);
+                    let elements = if carried {
+                        &each.elements[each.elements.len() - 1..]
+                    } else {
+                        &each.elements
+                    };
+                    let given = elements.iter().filter_map(|&k| values.only((k, index)));
+                    (name.to_owned(), given.collect())
+                })
+                .collect();
             let name = format!("{}{}", scope.prefix, each.name);
             let (kind, inputs) = (format!("ForEach({})", each.kind), Vec::new());
             self.uses.push(GraphUse { name, kind, inputs, outputs, is_open: false });
@@ -378,8 +398,11 @@ impl<'a> Expansion<'_, 'a> {
         let Some(built) = built else { return Vec::new() };
         let mut links = Vec::with_capacity(draft.links.len());
         for (link, targets) in draft.links.iter().zip(coming) {
-            let link = |(node, output)| Link { port: link.port.clone(), node, output };
-            links.extend(targets.into_iter().map(link));
+            links.extend(targets.into_iter().map(|(node, output)| Link {
+                port: link.port.clone(),
+                node,
+                output,
+            }));
         }
         let outputs = entry.outputs().iter().map(|output| output.name).collect();
         let put = Put { name: one.name(draft, scope), built, links, outputs };
@@ -464,9 +487,14 @@ impl<'a> Expansion<'_, 'a> {
         let first = self.nodes.len();
         let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
         self.guard(graph, &inside, first);
-        let output = |port: &super::definition::Port| values.only(port.target?);
-        let outputs =
-            Vec::from_iter(graph.ports.iter().map(|port| output(port).unwrap_or_default()));
+        fn output(port: &super::definition::Port, values: &Values) -> Option<(usize, usize)> {
+            values.only(port.target?)
+        }
+        let outputs = graph
+            .ports
+            .iter()
+            .map(|port| output(port, &values).unwrap_or_default())
+            .collect::<Vec<_>>();
         let names = graph.ports.iter().map(|port| port.name.clone());
         let given = names.zip(outputs.iter().map(|&target| vec![target])).collect();
         let kind = draft.what.kind().to_owned();
@@ -488,12 +516,15 @@ impl<'a> Expansion<'_, 'a> {
             let own = scope.values(definition);
             let chosen = own.substitute(&branches.choose, &mut check.findings);
             let case = branches.chosen(&chosen);
-            let wrong = |(message, word): (String, String)| {
-                let help = check.guess(|| branches.meant(&word));
-                check.find(code::WRONG_VALUE, chosen.span, message, help);
-            };
             // What is wrong with a default is told where it stands.
-            if chosen.is_broken() { Err(()) } else { case.map_err(wrong) }
+            if chosen.is_broken() {
+                Err(())
+            } else {
+                case.map_err(|(message, word): (String, String)| {
+                    let help = check.guess(|| branches.meant(&word));
+                    check.find(code::WRONG_VALUE, chosen.span, message, help);
+                })
+            }
         });
         let Ok(case) = chosen else { return Vec::new() };
         let given = linked(draft, case, values);

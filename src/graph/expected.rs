@@ -97,8 +97,8 @@ impl Graph {
                 Some(_) => it.is_live(&needed),
                 None => is_meant(it),
             };
-            let is_new = |at: &usize| !live[*at] && is_live(&self.expect[*at]);
-            let new = Vec::from_iter((0..live.len()).filter(is_new));
+            let new: Vec<_> =
+                (0..live.len()).filter(|at| !live[*at] && is_live(&self.expect[*at])).collect();
             if new.is_empty() {
                 break;
             }
@@ -116,12 +116,14 @@ impl Graph {
             return Vec::new();
         }
         let needed = self.shape.needed_by(wanted);
-        let is_there = |expected: &&Expected| {
-            expected.of.is_some()
-                && expected.is_live(&needed)
-                && expected.nodes().all(|it| needed[it])
-        };
-        self.expect.iter().filter(is_there).collect()
+        self.expect
+            .iter()
+            .filter(|expected| {
+                expected.of.is_some()
+                    && expected.is_live(&needed)
+                    && expected.nodes().all(|it| needed[it])
+            })
+            .collect()
     }
 
     /// An expectation of another file, such as a test, of this graph's values.
@@ -190,7 +192,7 @@ impl Check<'_, '_> {
                     }
                 }
             };
-            let targets = Vec::from_iter(expectation.values().into_iter().map(target));
+            let targets: Vec<_> = expectation.values().into_iter().map(target).collect();
             let kind =
                 |&(node, output): &(usize, usize)| drafts[node].types.get(output).copied()?;
             let types = targets.iter().map(|target| target.as_ref().and_then(kind));

@@ -131,13 +131,15 @@ const LEVELS: [&[&str]; 5] =
 pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<Vec<Range<usize>>> {
     let tokens = pieces(text, is_known).ok()?;
     let mut names = Vec::new();
-    let is_constant = |name: &str| is_constant(name) && !is_known(name);
+    fn is_allowed(name: &str, is_known: &dyn Fn(&str) -> bool) -> bool {
+        is_constant(name) && !is_known(name)
+    }
     // Whether a value has just ended, so that a word is an operator.
     let mut is_behind = false;
     for (index, (at, token)) in tokens.iter().enumerate() {
         let opens = matches!(tokens.get(index + 1), Some((_, Token::Sign("("))));
         let is_name = matches!(token, Token::Name(name) if name != "not" && !is_behind && !opens);
-        if is_name && !is_constant(&text[at.clone()]) {
+        if is_name && !is_allowed(&text[at.clone()], is_known) {
             names.push(at.clone());
         }
         is_behind = is_name || matches!(token, Token::Number(_) | Token::Sign(")"));
@@ -193,13 +195,17 @@ fn number_length(text: &str) -> usize {
 /// The longest known parameter at the start of the text; if there is none, the word up to the first hyphen. Names with
 /// more than [`MAX_HYPHENS`] are not looked for, so that a long text is read in time that grows with its length.
 fn name_at<'a>(text: &'a str, is_known: &dyn Fn(&str) -> bool) -> &'a str {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    fn is_part(c: char) -> bool {
+        c.is_ascii_alphanumeric() || c == '-' || c == '_'
+    }
     let mut hyphens = 0;
-    let is_in = |byte: &u8| {
-        hyphens += usize::from(*byte == b'-');
-        is_part(char::from(*byte)) && hyphens <= MAX_HYPHENS
-    };
-    let whole = &text[..text.bytes().take_while(is_in).count()];
+    let whole = &text[..text
+        .bytes()
+        .take_while(|byte| {
+            hyphens += usize::from(*byte == b'-');
+            is_part(char::from(*byte)) && hyphens <= MAX_HYPHENS
+        })
+        .count()];
     let mut known = whole;
     while !is_known(known) {
         match known.rfind('-') {
@@ -286,8 +292,11 @@ impl Parser<'_> {
         if value.value.is_finite() || !self.must_be_finite {
             return Ok(Outcome::Number(value));
         }
-        let number = |x: &f64| if x.abs() < 1e16 { x.to_string() } else { format!("{x:e}") };
-        let from = Vec::from_iter(from.iter().map(number)).join(" and ");
+        let from = from
+            .iter()
+            .map(|x| if x.abs() < 1e16 { x.to_string() } else { format!("{x:e}") })
+            .collect::<Vec<_>>()
+            .join(" and ");
         let message = format!("{} gives {}, from {from}", self.words(&at), value.value);
         let at = Some(self.place(&at));
         let help = match user {
@@ -405,9 +414,11 @@ impl Parser<'_> {
         if !(least..=most).contains(&arguments.len()) {
             return error(format!("`{name}` does not take {} arguments", arguments.len()));
         }
-        let part = |(at, argument): (Range<usize>, _)| Ok((at, number(argument, name)?));
-        let parts = arguments.into_iter().map(part).collect::<Result<Vec<Part>, _>>()?;
-        let from = Vec::from_iter(parts.iter().map(|(_, argument)| argument.value));
+        let parts = arguments
+            .into_iter()
+            .map(|(at, argument): (Range<usize>, _)| Ok((at, number(argument, name)?)))
+            .collect::<Result<Vec<Part>, _>>()?;
+        let from: Vec<_> = parts.iter().map(|(_, argument)| argument.value).collect();
         let found = match function.map(|function| function.computes) {
             Some(Computes::Alike(compute)) => {
                 let (values, unit) = self.alike(name, &parts)?;
@@ -418,7 +429,7 @@ impl Parser<'_> {
                 Quantity { value: compute(&values), unit: Unit::named("rad").unwrap_or_default() }
             }
             Some(Computes::Quantity(wanted, compute)) => {
-                let quantities = Vec::from_iter(parts.iter().map(|(_, argument)| *argument));
+                let quantities: Vec<_> = parts.iter().map(|(_, argument)| *argument).collect();
                 compute(&quantities).map_err(|place| self.misfit(name, wanted, &parts[place]))?
             }
             None => match unit {

@@ -62,8 +62,7 @@ struct AsRead {
 impl AsRead {
     /// Whether the system says the same of all as it did then.
     fn is_as_it_was(&self, stamp: Stamp) -> bool {
-        let same = |(path, stamp): &(PathBuf, Option<Stamp>)| Stamp::of(path) == *stamp;
-        stamp == self.stamp && self.companions.iter().all(same)
+        stamp == self.stamp && self.companions.iter().all(|(path, stamp)| Stamp::of(path) == *stamp)
     }
 }
 
@@ -133,10 +132,11 @@ impl Known {
     /// What is known of these files.
     pub fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
-        let find = |path: &Path| {
-            Some(KnownFile { path: path.to_owned(), as_read: known.get(path)?.clone() })
-        };
-        paths.filter_map(find).collect()
+        paths
+            .filter_map(|path| {
+                Some(KnownFile { path: path.to_owned(), as_read: known.get(path)?.clone() })
+            })
+            .collect()
     }
 }
 
@@ -173,11 +173,16 @@ impl<'a> Reads<'a> {
         if self.left.is_none() {
             return false;
         }
-        let is_read = || {
-            let slot = lock(&self.read).get(&file.path).cloned();
+        fn is_read(
+            read: &Mutex<HashMap<PathBuf, Arc<OnceLock<Option<File>>>>>,
+            file_path: &Path,
+        ) -> bool {
+            let slot = lock(read).get(file_path).cloned();
             slot.is_some_and(|slot| slot.get().is_some())
-        };
-        self.known.look(&file.path).is_none() && !is_read() && self.is_too_large(file)
+        }
+        self.known.look(&file.path).is_none()
+            && !is_read(&self.read, &file.path)
+            && self.is_too_large(file)
     }
 
     /// Returns true if a file, with those that it names, is too large for a forecast, after what that has read.
@@ -227,14 +232,14 @@ impl<'a> Reads<'a> {
     }
 
     fn read(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
-        let failed = |error: std::io::Error| {
-            Err(ReadError { name: file.given.clone(), reason: error.to_string() })
-        };
+        fn failed(error: std::io::Error, file_given: &str) -> Result<Option<File>, ReadError> {
+            Err(ReadError { name: file_given.to_owned(), reason: error.to_string() })
+        }
         let stamp = Stamp::of(&file.path);
         let bytes = match plain::read(&file.path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return failed(error),
+            Err(error) => return failed(error, &file.given),
         };
         let found = companions(file, &bytes, self.readers);
         let (companions, stamps) =
@@ -255,7 +260,9 @@ const MAX_FORECAST_BYTES: u64 = 64 << 20;
 
 /// Returns the size of a file and of those that it names; more than a forecast reads if it is known to be larger.
 fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
-    let size = |path: &Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    fn size(path: &Path) -> u64 {
+        std::fs::metadata(path).map_or(0, |metadata| metadata.len())
+    }
     let own = size(&file.path);
     if own > MAX_FORECAST_BYTES || !readers.may_name(&ending(&file.path)) {
         return own;
@@ -303,12 +310,14 @@ fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<Named,
     let named = RefCell::new(Named::default());
     let beside = |name: &str| {
         let (companions, stamps) = &mut *named.borrow_mut();
-        let find = || {
-            let path = folder.join(name);
-            stamps.push((path.clone(), Stamp::of(&path)));
-            files.read(name, &path)
-        };
-        companions.entry(name.to_owned()).or_insert_with(find).clone()
+        companions
+            .entry(name.to_owned())
+            .or_insert_with(|| {
+                let path = folder.join(name);
+                stamps.push((path.clone(), Stamp::of(&path)));
+                files.read(name, &path)
+            })
+            .clone()
     };
     let name = file.path.to_string_lossy();
     let reading = Reading::new(&name, bytes, &beside);
@@ -384,34 +393,36 @@ mod tests {
     #[test]
     fn the_files_that_a_file_names_are_a_part_of_it() {
         let folder = tempfile::tempdir().unwrap();
-        let write = |name: &str, text: &str| {
+        fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
             let path = folder.path().join(name);
             std::fs::write(&path, text).unwrap();
             let old = SystemTime::now() - Duration::from_secs(60);
             let file = std::fs::File::options().append(true).open(path).unwrap();
             file.set_modified(old).unwrap();
-        };
-        write("a.obj", "mtllib a.mtl\nv 0 0 0\n");
+        }
+        write("a.obj", "mtllib a.mtl\nv 0 0 0\n", &folder);
         let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
         let known = Known::default();
-        let read = || Reads::new(&known, &readers()).file(&file).unwrap().unwrap();
-        let missing = read();
+        fn read(known: &Known, file: &NodeFile) -> File {
+            Reads::new(known, &readers()).file(file).unwrap().unwrap()
+        }
+        let missing = read(&known, &file);
         assert_eq!(missing.companion("a.mtl"), Err("there is no file `a.mtl`".into()));
         let stamp = Stamp::of(&file.path).unwrap();
         let companions = vec![(folder.path().join("a.mtl"), None)];
         known.remember(&file.path, AsRead { stamp, companions, hash: missing.hash });
         assert_eq!(known.look(&file.path), Some(Some(missing.hash)));
-        write("a.mtl", "newmtl a\nmap_Kd a.png\n");
+        write("a.mtl", "newmtl a\nmap_Kd a.png\n", &folder);
         assert_eq!(known.look(&file.path), None, "a material has come");
-        let bare = read();
+        let bare = read(&known, &file);
         assert_eq!(bare.companion("a.png"), Err("there is no file `a.png`".into()));
-        write("a.png", "not yet a picture");
-        let whole = read();
+        write("a.png", "not yet a picture", &folder);
+        let whole = read(&known, &file);
         assert_eq!(whole.companion("a.png").as_deref(), Ok(&b"not yet a picture"[..]));
         let other = [missing.hash, bare.hash, Hash::of(whole.bytes())];
         assert!(!other.contains(&whole.hash));
-        write("a.mtl", "newmtl a\nmap_Kd ../a.png\n");
-        let outside = read().companion("../a.png").unwrap_err();
+        write("a.mtl", "newmtl a\nmap_Kd ../a.png\n", &folder);
+        let outside = read(&known, &file).companion("../a.png").unwrap_err();
         assert_eq!(outside, "`../a.png` lies outside of the project");
     }
 
@@ -436,25 +447,34 @@ mod tests {
     #[test]
     fn a_forecast_reads_no_large_files_and_none_that_name_such() {
         let folder = tempfile::tempdir().unwrap();
-        let large = |name: &str| {
+        fn large(name: &str, folder: &tempfile::TempDir) {
             let file = std::fs::File::create(folder.path().join(name)).unwrap();
             file.set_len(MAX_FORECAST_BYTES + 1).unwrap();
-        };
-        large("large.txt");
-        large("a.mtl");
+        }
+        large("large.txt", &folder);
+        large("a.mtl", &folder);
         std::fs::write(folder.path().join("a.obj"), "mtllib a.mtl\nv 0 0 0\n").unwrap();
         std::fs::write(folder.path().join("b.txt"), "small").unwrap();
         let known = Known::default();
         let readers = readers();
-        let is_spared = |name: &str, is_forecast: bool| {
+        fn is_spared(
+            name: &str,
+            is_forecast: bool,
+            folder: &tempfile::TempDir,
+            known: &Known,
+            readers: &Readers,
+        ) -> bool {
             let file = NodeFile { path: folder.path().join(name), ..at(folder.path().join("a")) };
-            let reads = Reads::new(&known, &readers);
+            let reads = Reads::new(known, readers);
             let reads = if is_forecast { reads.sparing() } else { reads };
             reads.is_spared(&file)
-        };
+        }
         for (name, expected) in [("large.txt", true), ("a.obj", true), ("b.txt", false)] {
             assert_eq!(
-                (is_spared(name, true), is_spared(name, false)),
+                (
+                    is_spared(name, true, &folder, &known, &readers),
+                    is_spared(name, false, &folder, &known, &readers)
+                ),
                 (expected, false),
                 "{name}"
             );

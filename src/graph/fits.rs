@@ -64,7 +64,7 @@ impl Expectation {
                     return None;
                 }
                 let message = format!("of {} no `{what}` are counted", with_article(kind.name));
-                let names = Vec::from_iter(names.iter().map(String::as_str));
+                let names: Vec<_> = names.iter().map(String::as_str).collect();
                 let help = nearest_or_all(what, "what is counted", &names);
                 Some(("what", code::WRONG_VALUE, message, help))
             }

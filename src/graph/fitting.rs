@@ -48,12 +48,20 @@ pub(super) fn calls_in_plain_numbers(
     findings: &mut Vec<Finding>,
 ) -> Tree {
     let Kind::List(items) = &list.kind else { return list.clone() };
-    let call = |item: &Tree| {
-        let Some(name) = item.name() else { return item.clone() };
-        let mut fitting = Fitting { parameters: None, owner: Some(&name.text), findings };
-        fitting.value(item, Some(Expected::of_node(&name.text, schema)))
-    };
-    Tree { kind: Kind::List(items.iter().map(call).collect()), ..list.clone() }
+    Tree {
+        kind: Kind::List(
+            items
+                .iter()
+                .map(|item| {
+                    let Some(name) = item.name() else { return item.clone() };
+                    let mut fitting =
+                        Fitting { parameters: None, owner: Some(&name.text), findings };
+                    fitting.value(item, Some(Expected::of_node(&name.text, schema)))
+                })
+                .collect(),
+        ),
+        ..list.clone()
+    }
 }
 
 /// A value for the parameter `name`, in plain numbers of its unit.
@@ -97,14 +105,18 @@ pub fn declaration_in_own_unit(tree: &Tree, name: &str, findings: &mut Vec<Findi
     };
     let unit = fields.iter().find(|field| field.name.text == "unit");
     let unit = unit.and_then(|field| field.value.text());
-    let field = |field: &Field| match &field.name.text[..] {
-        "default" | "min" | "max" => {
-            let value = in_own_unit(&field.value, name, unit, findings);
-            Field { name: field.name.clone(), value }
-        }
-        _ => field.clone(),
-    };
-    let body = Body::Fields(fields.iter().map(field).collect());
+    let body = Body::Fields(
+        fields
+            .iter()
+            .map(|field| match &field.name.text[..] {
+                "default" | "min" | "max" => {
+                    let value = in_own_unit(&field.value, name, unit, findings);
+                    Field { name: field.name.clone(), value }
+                }
+                _ => field.clone(),
+            })
+            .collect(),
+    );
     Tree { kind: Kind::Call { name: kind.clone(), body }, ..tree.clone() }
 }
 
@@ -168,13 +180,15 @@ impl Fitting<'_> {
         let expected = expected.as_ref();
         let kind = match &tree.kind {
             Kind::List(items) => Kind::List(self.items(items, |k| expected?.item(k))),
-            Kind::Map(entries) => {
-                let entry = |(key, value): &(Tree, Tree)| {
-                    let value = self.value(value, expected.and_then(Expected::entry));
-                    (key.clone(), value)
-                };
-                Kind::Map(entries.iter().map(entry).collect())
-            }
+            Kind::Map(entries) => Kind::Map(
+                entries
+                    .iter()
+                    .map(|(key, value)| {
+                        let value = self.value(value, expected.and_then(Expected::entry));
+                        (key.clone(), value)
+                    })
+                    .collect(),
+            ),
             Kind::Call { name, body } => {
                 let behind = name.as_ref().and_then(|name| expected?.behind(&name.text));
                 let inside = if name.is_some() { behind.as_ref() } else { expected };

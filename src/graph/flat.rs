@@ -169,7 +169,9 @@ impl Wanter {
     /// What comes in is not so: told where the graph is used, or where the input is declared if nobody uses it.
     pub fn problem(&self, message: String, help: String) -> Problem {
         let (source, span) = (self.source.clone(), self.span);
-        let problem = |place, message| Problem::new(Severity::Error, code::FAILED, place, message);
+        fn problem(place: (Arc<Source>, Span), message: String) -> Problem {
+            Problem::new(Severity::Error, code::FAILED, place, message)
+        }
         let Some((last, outer)) = self.uses.split_last() else {
             return Problem { help, ..problem((source, span), message) };
         };

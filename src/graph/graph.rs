@@ -169,8 +169,9 @@ impl Graph {
             self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
         let ports = self.ports.iter().map(|port| (&port.name[..], port.node, port.output));
         let ports = ports.filter(|_| self.is_function());
-        let kind = |(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]);
-        files.chain(ports).map(kind)
+        files
+            .chain(ports)
+            .map(|(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]))
     }
 
     /// Returns true if the graph has the section `inputs`, even an empty one: its outputs are values in place of files.
@@ -216,8 +217,8 @@ impl Graph {
             return Some(element);
         }
         let given = self.uses.iter().find(|given| given.name == name)?;
-        let wanted = |(name, _): &&(String, _)| output.is_none_or(|output| output == name);
-        match given.outputs.iter().find(wanted)?.1[..] {
+        match given.outputs.iter().find(|(name, _)| output.is_none_or(|output| output == name))?.1[..]
+        {
             [target] => Some(target),
             _ => None,
         }
@@ -229,7 +230,7 @@ impl Graph {
         let given = given.flat_map(|given| &given.outputs).flat_map(|(_, targets)| targets);
         let element = self.element(name).map(|(node, _)| node);
         let own = self.find(name).or(element);
-        let mut nodes = Vec::from_iter(given.map(|(node, _)| *node).chain(own));
+        let mut nodes: Vec<_> = given.map(|(node, _)| *node).chain(own).collect();
         nodes.sort_unstable();
         nodes.dedup();
         nodes
@@ -254,18 +255,18 @@ impl Graph {
 
     /// Whether its nodes, outputs and expectations are those of the other one; one element of a `ForEach` over data stands for all.
     pub fn has_the_same_parts(&self, other: &Self) -> bool {
-        let same_output = |(a, b): (&GraphOutput, &GraphOutput)| {
-            (&a.name, a.node, a.output) == (&b.name, b.node, b.output)
-        };
-        let same_expected = |(a, b): (&Expected, &Expected)| {
-            (&a.expectation, &a.values) == (&b.expectation, &b.values)
-        };
         self.shape.identity == other.shape.identity
             && self.expect.len() == other.expect.len()
-            && self.expect.iter().zip(&*other.expect).all(same_expected)
+            && self.expect.iter().zip(&*other.expect).all(|(a, b): (&Expected, &Expected)| {
+                (&a.expectation, &a.values) == (&b.expectation, &b.values)
+            })
             && self.files().eq(other.files())
             && self.outputs.len() == other.outputs.len()
-            && self.outputs.iter().zip(&other.outputs).all(same_output)
+            && self.outputs.iter().zip(&other.outputs).all(
+                |(a, b): (&GraphOutput, &GraphOutput)| {
+                    (&a.name, a.node, a.output) == (&b.name, b.node, b.output)
+                },
+            )
     }
 
     /// The files that it is made of: its own, and those of the graphs that it uses.

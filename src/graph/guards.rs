@@ -40,17 +40,26 @@ impl Known {
                 }
             }
             let node = &nodes[index];
-            let target = |slot: usize| (node.links[slot].node, node.links[slot].output);
-            for guard in
-                guards.iter().filter(|it| known.never.contains(&(target(it.slot), it.property)))
+            fn target(slot: usize, node_links: &[Link]) -> (usize, usize) {
+                (node_links[slot].node, node_links[slot].output)
+            }
+            for guard in guards
+                .iter()
+                .filter(|it| known.never.contains(&(target(it.slot, &node.links), it.property)))
             {
                 warnings.push(never(nodes, node, guard));
             }
             // On what it is run has been tested by then.
-            let holds = |slot: usize, property: &'static str| {
-                known.always.contains(&(target(slot), property))
+            fn holds(
+                slot: usize,
+                property: &'static str,
+                guards: &[Guard],
+                known_always: &HashSet<((usize, usize), &'static str)>,
+                node_links: &[Link],
+            ) -> bool {
+                known_always.contains(&(target(slot, node_links), property))
                     || guards.iter().any(|it| (it.slot, it.property) == (slot, property))
-            };
+            }
             let mut found = Vec::new();
             for (output, property, source) in node.node.promises() {
                 let Some(output) = node.outputs.iter().position(|name| *name == output) else {
@@ -62,7 +71,10 @@ impl Known {
                         let links = node.links.iter().enumerate();
                         let mut links = links.filter(|(_, link)| link.port == port).peekable();
                         // Of nothing anything holds, but not of what is made of it.
-                        links.peek().is_some() && links.all(|(slot, _)| holds(slot, property))
+                        links.peek().is_some()
+                            && links.all(|(slot, _)| {
+                                holds(slot, property, &guards, &known.always, &node.links)
+                            })
                     }
                     Origin::Never => {
                         known.never.insert(((index, output), property));
@@ -71,7 +83,8 @@ impl Known {
                 };
                 found.extend(is_kept.then_some(((index, output), property)));
             }
-            guards.retain(|it| !known.always.contains(&(target(it.slot), it.property)));
+            guards
+                .retain(|it| !known.always.contains(&(target(it.slot, &node.links), it.property)));
             nodes[index].guards = guards;
             known.always.extend(found);
         }

@@ -131,7 +131,9 @@ impl Graph {
                     continue;
                 }
             };
-            let of_hash = |hash: Hash| json!({ "value": hash.to_string() });
+            fn of_hash(hash: Hash) -> serde_json::Value {
+                json!({ "value": hash.to_string() })
+            }
             let (parameters, value) = match known {
                 KnownInput::Value(value) if input.kind != value.kind() => {
                     problems.push(self.wrong_input(input, value, catalog));
@@ -174,8 +176,7 @@ impl Graph {
         files: &[(String, PathBuf)],
         catalog: &Catalog,
     ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
-        let open = |path: &Path, kind| catalog.readers().open(path, Some(kind));
-        self.read_inputs_by(files, open)
+        self.read_inputs_by(files, |path, kind| catalog.readers().open(path, Some(kind)))
     }
 
     /// The same, where `open` gives what is in a file for an input of a type, with its warnings.
@@ -202,8 +203,9 @@ impl Graph {
             match open(path, input.kind) {
                 Ok((value, doubts)) => {
                     let doubts = doubts.iter();
-                    let warning = |doubt: &String| problem(Severity::Warning, code::WARNING, doubt);
-                    warnings.extend(doubts.map(warning));
+                    warnings.extend(
+                        doubts.map(|doubt| problem(Severity::Warning, code::WARNING, doubt)),
+                    );
                     values.insert(name.clone(), value);
                 }
                 Err(why) => errors.push(problem(Severity::Error, code::FAILED, &why)),
@@ -233,7 +235,7 @@ impl Graph {
     }
 
     fn no_input(&self, name: &str) -> Problem {
-        let known = Vec::from_iter(self.inputs.iter().map(|input| &input.name[..]));
+        let known: Vec<_> = self.inputs.iter().map(|input| &input.name[..]).collect();
         let help = match known.is_empty() {
             true => "it has no inputs at all; --set changes parameters".into(),
             false => nearest_or_all(name, "its inputs", &known),

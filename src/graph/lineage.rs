@@ -43,9 +43,14 @@ impl Lineage {
             }
         }
         let is_of = |target: &str| {
-            let of = |name: &str| target.strip_prefix(name).is_some_and(|it| it.starts_with('.'));
-            let each = |name: &str| name.split_once('/').is_some_and(|(each, _)| of(each));
-            needed().any(|(draft, _)| of(&draft.name.text) || each(&draft.name.text))
+            fn of(name: &str, target: &str) -> bool {
+                target.strip_prefix(name).is_some_and(|it| it.starts_with('.'))
+            }
+            fn each(name: &str, target: &str) -> bool {
+                name.split_once('/').is_some_and(|(each, _)| of(each, target))
+            }
+            needed()
+                .any(|(draft, _)| of(&draft.name.text, target) || each(&draft.name.text, target))
         };
         let set = set.iter().filter(|(target, _)| is_of(target));
         Self {

@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use maquette_node::Output;
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{FoundLink, Help, any_of, nearest_or_all, with_article};
 use maquette_value::ValueType;
@@ -90,7 +89,7 @@ impl<'a> Check<'_, 'a> {
                 }
                 let help = self.guess(|| {
                     let all = drafts.iter().map(|draft| &draft.name.text[..]);
-                    let mut known = Vec::from_iter(all.filter(|name| !name.contains('/')));
+                    let mut known: Vec<_> = all.filter(|name| !name.contains('/')).collect();
                     known.extend(names.eaches.iter().map(|each| &each.name[..]));
                     nearest_or_all(node, "the graph's nodes", &known)
                 });
@@ -212,8 +211,7 @@ impl<'a> Check<'_, 'a> {
             let mut misfits = Vec::new();
             for (link, targets) in draft.links.iter().zip(&draft.targets) {
                 let Some(targets) = targets else { continue };
-                let is_list = |&(node, output): &(usize, usize)| drafts[node].is_list(output);
-                let is_list = targets.iter().any(is_list);
+                let is_list = targets.iter().any(|&(node, output)| drafts[node].is_list(output));
                 if (is_list || targets.len() != 1) && !link.many {
                     let place = match targets.first() {
                         Some(&(node, _)) => Some(drafts[node].name.span),
@@ -245,13 +243,14 @@ impl<'a> Check<'_, 'a> {
             }
             let first = came_in.first().map(|(_, kind)| *kind);
             let types = match &draft.what {
-                What::Node(entry) => {
-                    let kind = |output: &Output| match output.types[..] {
+                What::Node(entry) => entry
+                    .outputs()
+                    .iter()
+                    .map(|output| match output.types[..] {
                         [kind] => Some(kind),
                         _ => came_in.iter().find(|(wants, _)| *wants == output.kind).map(|x| x.1),
-                    };
-                    entry.outputs().iter().map(kind).collect()
-                }
+                    })
+                    .collect(),
                 What::Switch(_) => vec![first],
                 _ => draft.types.clone(),
             };
@@ -318,7 +317,7 @@ impl<'a> Check<'_, 'a> {
             return Some(found.kind);
         }
         let (text, what) = (&link.text, with_article(kind.name));
-        let words = Vec::from_iter(known.iter().map(|known| known.word));
+        let words: Vec<_> = known.iter().map(|known| known.word).collect();
         let message = match word {
             "" => format!("ForEach cannot go over `{text}`, which is {what}"),
             _ => format!("{what} such as `{text}` has no {word}"),
@@ -337,14 +336,18 @@ impl<'a> Check<'_, 'a> {
 
     /// What a `ForEach` can go over.
     fn gone_over(&self) -> String {
-        let of = |kind: &&ValueType| {
-            let words = kind.elements().into_iter().map(|way| match way.word {
-                "" => kind.name.to_owned(),
-                word => format!("{word} of {}", with_article(kind.name)),
-            });
-            words.collect::<Vec<_>>()
-        };
-        let ways = Vec::from_iter(self.world.values.values().flat_map(of));
+        let ways: Vec<_> = self
+            .world
+            .values
+            .values()
+            .flat_map(|kind| {
+                let words = kind.elements().into_iter().map(|way| match way.word {
+                    "" => kind.name.to_owned(),
+                    word => format!("{word} of {}", with_article(kind.name)),
+                });
+                words.collect::<Vec<_>>()
+            })
+            .collect();
         format!("it goes over {}", any_of(ways.iter().map(String::as_str)))
     }
 

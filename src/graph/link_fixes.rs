@@ -22,7 +22,6 @@ impl Check<'_, '_> {
         drafts: &[Draft],
         user: &Draft,
     ) -> Option<Vec<Edit>> {
-        let fits = |kind: &ValueType| link.types.iter().any(|wanted| wanted == kind.name);
         let node = link.text.split('.').next().unwrap_or_default();
         let source = drafts.iter().find(|draft| draft.name.text == node)?;
         if matches!(source.what, What::Elements(_)) {
@@ -30,7 +29,9 @@ impl Check<'_, '_> {
         }
         let outputs = source.what.outputs();
         let outputs = outputs.iter().zip(&source.types);
-        let outputs = outputs.filter(|(_, kind)| kind.is_some_and(fits));
+        let outputs = outputs.filter(|(_, kind)| {
+            kind.is_some_and(|kind| link.types.iter().any(|wanted| wanted == kind.name))
+        });
         let siblings = outputs.map(|(output, _)| vec![(link.span, quoted(&[node, output]))]);
         let makers = link.types.iter().flat_map(|wanted| {
             let catalog = &self.world.catalog;
@@ -90,19 +91,26 @@ impl Check<'_, '_> {
                     open.extend(needs.users(index));
                 }
             }
-            let fits = |kind: &ValueType| wants.iter().any(|wanted| wanted == kind.name);
             let free = drafts.iter().zip(hangs_on_it).filter(|(draft, hangs_on_it)| {
                 !hangs_on_it && !draft.name.text.contains('/') && draft.repeat.is_none()
             });
             let mut links = free.flat_map(|(draft, _)| {
                 let (name, names) = (&draft.name.text[..], draft.what.outputs());
                 let outputs = names.into_iter().zip(&draft.types);
-                let outputs = outputs.filter(|(_, kind)| kind.is_some_and(fits));
-                let link = |output: &str| match draft.types.len() {
-                    1 => quoted(&[name]),
-                    _ => quoted(&[name, output]),
-                };
-                Vec::from_iter(outputs.map(|(output, _)| link(output)))
+                let outputs = outputs.filter(|(_, kind)| {
+                    kind.is_some_and(|kind| wants.iter().any(|wanted| wanted == kind.name))
+                });
+                fn link(
+                    output: &str,
+                    name: &str,
+                    draft_types: &[Option<&'static ValueType>],
+                ) -> String {
+                    match draft_types.len() {
+                        1 => quoted(&[name]),
+                        _ => quoted(&[name, output]),
+                    }
+                }
+                outputs.map(|(output, _)| link(output, name, &draft.types)).collect::<Vec<_>>()
             });
             let Some(link) = links.next().filter(|_| links.next().is_none()) else { continue };
             if let Some(edit) = self.field_edit(finding.span, port, &link) {

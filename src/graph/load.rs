@@ -19,7 +19,6 @@ use crate::check::Check;
 use crate::definition::{Definition, Draft, Port, What, Whole};
 use crate::describe::Subgraph;
 use crate::expand::expand;
-use crate::files::NodeFile;
 use crate::flat::{Counts, Lineage};
 use crate::graph::{GraphText, Stage};
 use crate::link::Names;
@@ -87,8 +86,8 @@ pub fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
     let graph = whole.and_then(|whole| {
         world.read_pins(&whole.definition.sheet.source.name);
         let graph = expand(&mut world, &whole, is_broken, is_partial, &Counts::new())?;
-        let stage = || Arc::new(Stage::new(whole, is_partial, &world));
-        let stage = (!graph.loops.is_empty()).then(stage);
+        let stage =
+            (!graph.loops.is_empty()).then(|| Arc::new(Stage::new(whole, is_partial, &world)));
         Some(Graph { stage, ..graph })
     });
     problems.append(&mut world.problems);
@@ -133,15 +132,20 @@ pub fn first<'a>(
 }
 
 pub(crate) fn files_of(graph: &Graph) -> Vec<ReadFile> {
-    let of_node = |node: &crate::GraphNode| {
-        let file = |file: &NodeFile| ReadFile {
-            path: file.path.clone(),
-            node: node.name.clone(),
-            optional: !file.needed,
-        };
-        Vec::from_iter(node.files.iter().map(file))
-    };
-    graph.nodes.iter().flat_map(of_node).collect()
+    graph
+        .nodes
+        .iter()
+        .flat_map(|node| {
+            node.files
+                .iter()
+                .map(|file| ReadFile {
+                    path: file.path.clone(),
+                    node: node.name.clone(),
+                    optional: !file.needed,
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 /// What the graph in a file is that others use; its problems go to the world.
@@ -179,7 +183,9 @@ fn unused(
 ) -> Vec<(String, Span)> {
     let is_needed = needs.of(needed);
     // The elements of a `ForEach` share one name in the file: it is needed if one of them is.
-    let is_named = |draft: &Draft| !matches!(draft.what, What::Elements(_) | What::Pick(_));
+    fn is_named(draft: &Draft) -> bool {
+        !matches!(draft.what, What::Elements(_) | What::Pick(_))
+    }
     let names = || drafts.iter().zip(&is_needed).skip(inputs).filter(|(it, _)| is_named(it));
     let needed: HashSet<Span> =
         names().filter(|(_, needed)| **needed).map(|(draft, _)| draft.name.span).collect();
@@ -277,8 +283,8 @@ impl Check<'_, '_> {
         let entries = top.inputs.unwrap_or_default();
         let (mut drafts, mut described, wants) = self.inputs(entries);
         let inputs = drafts.len();
-        let is_needed = |draft: &&Draft| !draft.is_optional;
-        let required = drafts.iter().filter(is_needed).map(|draft| draft.name.text.clone());
+        let required =
+            drafts.iter().filter(|draft| !draft.is_optional).map(|draft| draft.name.text.clone());
         let required = Vec::from_iter(required);
         let parameters = self.named(top.params, "parameter", entries);
         let options = self.world.options;
@@ -294,7 +300,7 @@ impl Check<'_, '_> {
             self.unknown_sets(&defaults, &drafts, &eaches);
         }
         let outputs = top.outputs.iter().map(|(_, value)| value);
-        self.picks(&mut drafts, &Vec::from_iter(outputs.chain(top.expect)));
+        self.picks(&mut drafts, &outputs.chain(top.expect).collect::<Vec<_>>());
         let names = Names::new(&drafts, &eaches);
         self.link(&mut drafts, &names);
         self.optional_inputs(&drafts);
@@ -357,7 +363,9 @@ impl Check<'_, '_> {
     fn ports_of(&mut self, top: &TopLevel<'_>, drafts: &[Draft], names: &Names<'_>) -> Vec<Port> {
         let known = self.findings.len();
         let ports = self.ports(top.outputs, drafts, names);
-        let is_file = |finding: &Finding| finding.code == code::BAD_NAME;
+        fn is_file(finding: &Finding) -> bool {
+            finding.code == code::BAD_NAME
+        }
         if top.inputs.is_none() && self.findings[known..].iter().any(is_file) {
             let mut found = self.findings.split_off(known);
             found.retain(|finding| !is_file(finding));

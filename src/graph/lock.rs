@@ -64,7 +64,7 @@ impl Lock {
     /// If the file cannot be read, is no lock, or was changed by hand.
     pub fn of(graph: &Path) -> Result<Option<Self>, Box<Problem>> {
         let name = beside(graph);
-        let problem = |text: &str, span, message: String| {
+        let invalid = |text: &str, span, message: String| {
             let source = Arc::new(Source { name: name.clone(), text: text.to_owned() });
             let help = format!("`maquette lock {}` makes it anew", graph.display());
             Box::new(problem((source, span), message, help))
@@ -74,14 +74,14 @@ impl Lock {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => {
                 let message = format!("the lock file cannot be read: {error}");
-                return Err(problem("", Span::default(), message));
+                return Err(invalid("", Span::default(), message));
             }
         };
         let (tree, mistakes) = parse(&text);
         if let Some(mistake) = syntax_problems(&name, &text, mistakes).into_iter().next() {
-            return Err(problem(&text, mistake.span, mistake.message));
+            return Err(invalid(&text, mistake.span, mistake.message));
         }
-        read(&tree).map(Some).map_err(|(span, message)| problem(&text, span, message))
+        read(&tree).map(Some).map_err(|(span, message)| invalid(&text, span, message))
     }
 
     /// What the graph at `path` uses now, with paths relative to `folder`.
@@ -101,10 +101,9 @@ impl Lock {
         })?;
         let (world, _) = first(path, text, catalog, options);
         // What a node of an unknown type does says nothing of the files.
-        let is_error = |problem: &Problem| {
+        if world.problems.iter().any(|problem| {
             problem.severity == Severity::Error && problem.code != code::UNKNOWN_NODE
-        };
-        if world.problems.iter().any(is_error) {
+        }) {
             return Err(world.problems);
         }
         let folder = folder_of(&folder.join("graph.ron"));
@@ -149,24 +148,28 @@ impl Lock {
 
 /// Reads `Lock(format: 1, files: {..}, texts: {..})`.
 fn read(tree: &Tree) -> Result<Lock, (Span, String)> {
-    let field = |tree: &Tree, name: &str| {
+    fn field(tree: &Tree, name: &str) -> Option<Tree> {
         let fields = tree.fields().unwrap_or_default().iter();
         fields.clone().find(|field| field.name.text == name).map(|field| field.value.clone())
-    };
-    let map = |name: &str| match field(tree, name).map(|value| value.kind) {
-        Some(Kind::Map(entries)) => Ok(entries),
-        _ => Err((tree.span, format!("a lock file needs a map `{name}`"))),
-    };
+    }
+    fn map(name: &str, tree: &Tree) -> Result<Vec<(Tree, Tree)>, (Span, String)> {
+        match field(tree, name).map(|value| value.kind) {
+            Some(Kind::Map(entries)) => Ok(entries),
+            _ => Err((tree.span, format!("a lock file needs a map `{name}`"))),
+        }
+    }
     let is_lock = tree.name().is_some_and(|name| name.text == "Lock");
     let format = field(tree, "format").map(|format| format.kind);
     if !is_lock || !matches!(format, Some(Kind::Number { value: 1.0, .. })) {
         return Err((tree.span, "a lock file begins with `Lock(format: 1, ..)`".into()));
     }
-    let texts = map("texts")?;
+    let texts = map("texts", tree)?;
     let mut lock = Lock::default();
-    for (key, value) in map("files")? {
-        let text = |name: &str| field(&value, name).and_then(|it| it.text().map(str::to_owned));
-        let (Some(path), Some(hash)) = (key.text(), text("hash")) else {
+    for (key, value) in map("files", tree)? {
+        fn text(name: &str, value: &Tree) -> Option<String> {
+            field(value, name).and_then(|it| it.text().map(str::to_owned))
+        }
+        let (Some(path), Some(hash)) = (key.text(), text("hash", &value)) else {
             return Err((key.span, "a file of a lock has a path and a hash".into()));
         };
         let found = texts.iter().find(|(known, _)| known.text() == Some(&hash));
@@ -194,13 +197,14 @@ fn with_plain_ends(text: &str) -> String {
 
 /// The path of a file from a folder on, both without links.
 fn relative(folder: &Path, file: &Path) -> String {
-    let (folder, file) = (Vec::from_iter(folder.components()), Vec::from_iter(file.components()));
+    let (folder, file) =
+        (folder.components().collect::<Vec<_>>(), file.components().collect::<Vec<_>>());
     let common = folder.iter().zip(&file).take_while(|(a, b)| a == b).count();
     let up = folder[common..].iter().map(|_| "..".to_owned());
     let down = file[common..]
         .iter()
         .map(|part: &Component<'_>| part.as_os_str().to_string_lossy().into_owned());
-    Vec::from_iter(up.chain(down)).join("/")
+    up.chain(down).collect::<Vec<_>>().join("/")
 }
 
 fn problem((source, span): (Arc<Source>, Span), message: String, help: String) -> Problem {
@@ -275,7 +279,7 @@ fn in_words(path: &Path, before: &Locked, now: &Locked, catalog: &Catalog) -> St
         .then(|| format!("version: {} -> {}", before.version(), now.version()));
     let found = differences(path, &before.text, &now.text, catalog);
     let found = found.iter().filter(|found| found.field != "version");
-    let mut told = Vec::from_iter(version.into_iter().chain(found.map(ToString::to_string)));
+    let mut told: Vec<_> = version.into_iter().chain(found.map(ToString::to_string)).collect();
     let more = told.len().saturating_sub(2);
     told.truncate(2);
     if more > 0 {
@@ -289,8 +293,10 @@ fn in_words(path: &Path, before: &Locked, now: &Locked, catalog: &Catalog) -> St
 
 /// What a used graph says otherwise than before; nothing if one of the texts is no graph.
 pub fn differences(path: &Path, before: &str, now: &str, catalog: &Catalog) -> Vec<Difference> {
-    let source = |text: &str| Source { name: path.to_owned(), text: text.to_owned() };
-    Graph::differences(&source(before), &source(now), catalog).unwrap_or_default()
+    fn source(text: &str, path: &Path) -> Source {
+        Source { name: path.to_owned(), text: text.to_owned() }
+    }
+    Graph::differences(&source(before, path), &source(now, path), catalog).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -299,7 +305,9 @@ mod tests {
 
     #[test]
     fn a_lock_is_read_as_it_was_written() {
-        let locked = |text: &str| Locked { version: Some("1.2.0".into()), text: text.into() };
+        fn locked(text: &str) -> Locked {
+            Locked { version: Some("1.2.0".into()), text: text.into() }
+        }
         let texts = ["", "Graph()", "a \"# b \"## c\n", "line\nline\n"];
         let entries = texts.iter().map(|text| (format!("lib/{}.ron", text.len()), locked(text)));
         let lock = Lock(entries.collect());
@@ -310,8 +318,10 @@ mod tests {
 
     #[test]
     fn paths_lead_from_the_folder_of_the_graph() {
-        let relative = |folder: &str, file: &str| relative(folder.as_ref(), file.as_ref());
-        assert_eq!(relative("/a/b", "/a/b/lib/c.ron"), "lib/c.ron");
-        assert_eq!(relative("/a/b", "/a/lib/c.ron"), "../lib/c.ron");
+        fn relative_path(folder: &str, file: &str) -> String {
+            relative(folder.as_ref(), file.as_ref())
+        }
+        assert_eq!(relative_path("/a/b", "/a/b/lib/c.ron"), "lib/c.ron");
+        assert_eq!(relative_path("/a/b", "/a/lib/c.ron"), "../lib/c.ron");
     }
 }

@@ -71,9 +71,9 @@ impl Item {
 
 /// Whether something is written with a unit, of what has become this value.
 fn has_units(written: &Tree, value: &Tree) -> bool {
-    let any = |a: &[Tree], b: &[Tree]| {
+    fn any(a: &[Tree], b: &[Tree]) -> bool {
         a.len() == b.len() && a.iter().zip(b).any(|(a, b)| has_units(a, b))
-    };
+    }
     match (&written.kind, &value.kind) {
         (_, Kind::Number { .. }) => Quantity::read(written).is_some(),
         (Kind::List(a), Kind::List(b)) => any(a, b),
@@ -101,13 +101,14 @@ impl Meaning {
             let value = bare(Kind::Word(name.text));
             rest.push(Item { name: "type".to_owned(), written: value.clone(), value });
         }
-        let is_section = |name: &str| SECTIONS.iter().any(|(section, _)| *section == name);
-        let is_said = |field: &&Field| {
+        fn is_section(name: &str) -> bool {
+            SECTIONS.iter().any(|(section, _)| *section == name)
+        }
+        for field in fields.iter().filter(|field| {
             let name = &field.name.text[..];
             let is_nothing = EMPTY.contains(&name) && is_empty(&field.value);
             !is_section(name) && !is_nothing
-        };
-        for field in fields.iter().filter(is_said) {
+        }) {
             let value = match &field.name.text[..] {
                 "expect" => plain(&Expectation::in_plain_numbers(&field.value).0),
                 _ => plain(&field.value),
@@ -175,15 +176,18 @@ pub fn plain(tree: &Tree) -> Tree {
 }
 
 fn plain_with(tree: &Tree, text: &dyn Fn(&str) -> Kind) -> Tree {
-    let all = |trees: &[Tree]| trees.iter().map(|tree| plain_with(tree, text)).collect();
+    fn all(trees: &[Tree], text: &dyn Fn(&str) -> Kind) -> Vec<Tree> {
+        trees.iter().map(|tree| plain_with(tree, text)).collect()
+    }
     bare(match &tree.kind {
         Kind::Number { value, .. } => Kind::Number { value: *value, whole: false },
         Kind::Text(content) => text(content),
-        Kind::List(items) => Kind::List(all(items)),
+        Kind::List(items) => Kind::List(all(items, text)),
         Kind::Map(entries) => {
             // Keys are not links.
-            let entry = |(key, value): &(Tree, Tree)| (plain(key), plain_with(value, text));
-            sorted_map(entries.iter().map(entry).collect())
+            sorted_map(
+                entries.iter().map(|(key, value)| (plain(key), plain_with(value, text))).collect(),
+            )
         }
         Kind::Call { name, body } => {
             let body = match body {
@@ -191,7 +195,7 @@ fn plain_with(tree: &Tree, text: &dyn Fn(&str) -> Kind) -> Tree {
                 Body::Items(items) if is_computed(tree) => {
                     Body::Items(items.iter().map(plain).collect())
                 }
-                Body::Items(items) => Body::Items(all(items)),
+                Body::Items(items) => Body::Items(all(items, text)),
                 Body::Fields(fields) => sorted(
                     fields
                         .iter()
@@ -338,14 +342,18 @@ impl Reading<'_> {
         if schema.get("derives").is_some() {
             return bare(Kind::Broken);
         }
-        let written = |default: &Json| match default {
-            // A graph's own choices may be in lower case.
-            Json::String(word) if schema.get("enum").is_some() => bare(Kind::Word(word.clone())),
-            default => as_tree(default),
-        };
+        fn written(default: &Json, schema: &Json) -> Tree {
+            match default {
+                // A graph's own choices may be in lower case.
+                Json::String(word) if schema.get("enum").is_some() => {
+                    bare(Kind::Word(word.clone()))
+                }
+                default => as_tree(default),
+            }
+        }
         let default = match schema.get("draft") {
-            Some(sides) => draft_of(|side| written(&sides[side])),
-            None => written(schema.get("default").unwrap_or(&Json::Null)),
+            Some(sides) => draft_of(|side| written(&sides[side], schema)),
+            None => written(schema.get("default").unwrap_or(&Json::Null), schema),
         };
         self.value(&default, schema, root)
     }
@@ -355,8 +363,13 @@ impl Reading<'_> {
             return plain(tree);
         }
         if is_draft(tree) {
-            let side = |field: &Field| named(&field.name, self.value(&field.value, schema, root));
-            let body = sorted(tree.fields().unwrap_or_default().iter().map(side).collect());
+            let body = sorted(
+                tree.fields()
+                    .unwrap_or_default()
+                    .iter()
+                    .map(|field| named(&field.name, self.value(&field.value, schema, root)))
+                    .collect(),
+            );
             return bare(Kind::Call { name: tree.name().as_ref().map(bare_name), body });
         }
         let schema = resolve(root, schema);
@@ -425,18 +438,25 @@ impl Reading<'_> {
 
     fn items(&self, items: &[Tree], schema: &Json, root: &Json) -> Vec<Tree> {
         let fixed = schema.get("prefixItems").and_then(Json::as_array);
-        let item = |(index, item): (usize, &Tree)| {
-            let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
-            schema.map_or_else(|| plain(item), |schema| self.value(item, schema, root))
-        };
-        items.iter().enumerate().map(item).collect()
+        items
+            .iter()
+            .enumerate()
+            .map(|(index, item)| {
+                let schema =
+                    fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
+                schema.map_or_else(|| plain(item), |schema| self.value(item, schema, root))
+            })
+            .collect()
     }
 }
 
 fn is_tuple(schema: &Json) -> bool {
-    let count = |name: &str| schema.get(name).and_then(Json::as_u64);
+    fn count(name: &str, schema: &Json) -> Option<u64> {
+        schema.get(name).and_then(Json::as_u64)
+    }
     schema.get("prefixItems").is_some()
-        || (count("minItems").is_some() && count("minItems") == count("maxItems"))
+        || (count("minItems", schema).is_some()
+            && count("minItems", schema) == count("maxItems", schema))
 }
 
 /// Whether a part of the value is a link.
@@ -477,8 +497,7 @@ pub(super) fn renamed(
         }
         Kind::List(items) => Kind::List(items.iter().map(again).collect()),
         Kind::Map(entries) => {
-            let entry = |(key, value): &(Tree, Tree)| (key.clone(), again(value));
-            Kind::Map(entries.iter().map(entry).collect())
+            Kind::Map(entries.iter().map(|(key, value)| (key.clone(), again(value))).collect())
         }
         Kind::Call { name, body } => {
             let body = match body {

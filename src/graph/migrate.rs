@@ -73,12 +73,16 @@ impl<'c> Migrations<'c> {
     /// The name that a type of nodes has now.
     fn kind(self, old: &str) -> Option<&'static str> {
         // What is there is not old.
-        let is_old = |name: &str| !self.catalog.has(name);
-        let renamed = |migration: &Migration| match *migration {
-            Migration::Node { old: from, new } if from == old => Some(new),
-            _ => None,
-        };
-        self.catalog.migrations().find_map(renamed).filter(|_| is_old(old))
+        fn is_old(name: &str, catalog: &Catalog) -> bool {
+            !catalog.has(name)
+        }
+        self.catalog
+            .migrations()
+            .find_map(|migration| match *migration {
+                Migration::Node { old: from, new } if from == old => Some(new),
+                _ => None,
+            })
+            .filter(|_| is_old(old, self.catalog))
     }
 
     /// The name that a type of nodes has now, after all that became of it.
@@ -95,17 +99,18 @@ impl<'c> Migrations<'c> {
     fn field(self, kind: &str, group: &Tree) -> Option<(usize, &'c Migration)> {
         let fields = group.fields().unwrap_or_default();
         let present = self.present(kind);
-        let old = |migration: &'c Migration| {
+        self.catalog.migrations().find_map(|migration| {
             let Migration::Field { node, old, new, value } = migration else { return None };
-            let is_given = |name: &str| fields.iter().any(|field| field.name.text == name);
+            fn is_given(name: &str, fields: &[Field]) -> bool {
+                fields.iter().any(|field| field.name.text == name)
+            }
             let at = fields.iter().position(|field| field.name.text == *old)?;
             let is_old = match old == new {
                 true => is_old(*value, &fields[at].value),
-                false => !is_given(new),
+                false => !is_given(new, fields),
             };
             (is_old && self.present(node) == present).then_some((at, migration))
-        };
-        self.catalog.migrations().find_map(old)
+        })
     }
 }
 
@@ -178,13 +183,17 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
     if old == new {
         return;
     }
-    let items = |tree: &Tree| match &tree.kind {
-        Kind::List(items) | Kind::Call { name: None, body: Body::Items(items) } => items.clone(),
-        Kind::Call { body: Body::Fields(sides), .. } if is_draft(tree) => {
-            sides.iter().map(|side| side.value.clone()).collect()
+    fn items(tree: &Tree) -> Vec<Tree> {
+        match &tree.kind {
+            Kind::List(items) | Kind::Call { name: None, body: Body::Items(items) } => {
+                items.clone()
+            }
+            Kind::Call { body: Body::Fields(sides), .. } if is_draft(tree) => {
+                sides.iter().map(|side| side.value.clone()).collect()
+            }
+            _ => Vec::new(),
         }
-        _ => Vec::new(),
-    };
+    }
     if let Kind::Call { name: None, body: Body::Fields(fields) } = &new.kind {
         match (old.fields(), &fields[..]) {
             (Some(before), _) => {
@@ -197,7 +206,9 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
             }
             // It lies in a group now.
             (None, [inner]) => {
-                let at = |at| Span { start: at, end: at };
+                fn at(at: usize) -> Span {
+                    Span { start: at, end: at }
+                }
                 splices.push((at(old.span.start), format!("({}: ", inner.name.text)));
                 written(old, &inner.value, text, splices);
                 splices.push((at(old.span.end), ")".to_owned()));
@@ -241,17 +252,22 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
     }
     let Some(Call { kind, is_text, .. }) = Call::of(&entry) else { return (entry, findings) };
     let present = migrations.present(&kind.text);
-    let mut find = |span, message, renamed: Option<(&str, &str)>| {
+    fn find(
+        span: Span,
+        message: String,
+        renamed: Option<(&str, &str)>,
+        findings: &mut Vec<Finding>,
+    ) {
         let help = "`maquette migrate --write` puts the new name into the file";
         let help = match renamed {
             Some((old, new)) => Help::rename(help.into(), old, new),
             None => help.into(),
         };
         findings.push(Finding { code: code::OUTDATED, span, message, help, note: None });
-    };
+    }
     if present != kind.text {
         let message = format!("the node type `{}` is called `{present}` now", kind.text);
-        find(kind.span, message, Some((&kind.text, &present)));
+        find(kind.span, message, Some((&kind.text, &present)), &mut findings);
         match &mut entry.kind {
             Kind::Call { body: Body::Fields(fields), .. } if is_text => {
                 let graph = fields.iter_mut().find(|field| field.name.text == "graph");
@@ -282,6 +298,7 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
                 // Other values than names are for `migrate`.
                 (old != new && matches!(value, NewValue::Same) && !new.contains('.'))
                     .then_some((old, new)),
+                &mut findings,
             );
             renew_field(fields, at, new, *value);
         }
@@ -352,12 +369,15 @@ impl Graph {
         }
         let migrated =
             with_commas_behind(text, |text| Ok::<_, Vec<Problem>>(all_steps(path, text, catalog)))?;
-        let source = |text: &str| Source { name: path.to_owned(), text: text.to_owned() };
-        let differences = Self::differences(&source(text), &source(&migrated), catalog)?;
+        fn source(text: &str, path: &Path) -> Source {
+            Source { name: path.to_owned(), text: text.to_owned() }
+        }
+        let differences =
+            Self::differences(&source(text, path), &source(&migrated, path), catalog)?;
         let Some(difference) = differences.first() else { return Ok(migrated) };
         let message = format!("its migration would change what the graph says: {difference}");
         let help = "this is a fault of a pack's migrations, or of maquette: the file stays".into();
-        let source = Arc::new(source(text));
+        let source = Arc::new(source(text, path));
         let finding =
             Finding { code: code::PANIC, span: Span::default(), message, help, note: None };
         Err(vec![finding.at(&source)])
@@ -396,13 +416,15 @@ fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
     if let Some(new) = migrations.kind(&kind.text) {
         return vec![(kind.span, if is_text { quoted(new) } else { new.to_owned() })];
     }
-    let step = |group| match migrations.field(&kind.text, group) {
-        Some((at, Migration::Field { new, value, .. })) => {
-            field_splices(text, group, at, new, *value)
-        }
-        _ => Vec::new(),
-    };
-    groups.into_iter().flat_map(step).collect()
+    groups
+        .into_iter()
+        .flat_map(|group| match migrations.field(&kind.text, group) {
+            Some((at, Migration::Field { new, value, .. })) => {
+                field_splices(text, group, at, new, *value)
+            }
+            _ => Vec::new(),
+        })
+        .collect()
 }
 
 /// The edits that put a field's value to the place that it has now.
@@ -418,16 +440,23 @@ fn field_splices(text: &str, call: &Tree, at: usize, new: &str, value: NewValue)
     match other.filter(|other| other.value.fields().is_some()) {
         Some(other) => {
             let Span { start, end } = field.value.span;
-            let shift = |(span, new): Splice| {
-                (Span { start: span.start - start, end: span.end - start }, new)
-            };
-            let moved = apply(&text[start..end], splices.into_iter().map(shift).collect());
+            let moved = apply(
+                &text[start..end],
+                splices
+                    .into_iter()
+                    .map(|(span, new): Splice| {
+                        (Span { start: span.start - start, end: span.end - start }, new)
+                    })
+                    .collect(),
+            );
             let mut splices = without(text, call, &std::collections::BTreeSet::from([at]));
             splices.extend(added(text, &other.value, inner, &moved));
             splices
         }
         None => {
-            let at = |at| Span { start: at, end: at };
+            fn at(at: usize) -> Span {
+                Span { start: at, end: at }
+            }
             splices.push((field.name.span, group.to_owned()));
             splices.insert(0, (at(field.value.span.start), format!("({inner}: ")));
             splices.push((at(field.value.span.end), ")".to_owned()));

@@ -150,10 +150,10 @@ mod tests {
     #[test]
     fn a_long_chain_and_a_long_circle_need_no_deep_stack() {
         const LENGTH: usize = 200_000;
-        let chain = Vec::from_iter((1..LENGTH).map(|node| (node - 1, node)));
-        assert_eq!(order(LENGTH, &chain).0, Vec::from_iter((0..LENGTH).rev()));
+        let chain: Vec<_> = (1..LENGTH).map(|node| (node - 1, node)).collect();
+        assert_eq!(order(LENGTH, &chain).0, (0..LENGTH).rev().collect::<Vec<_>>());
         let circle = [chain, vec![(LENGTH - 1, 0)]].concat();
-        assert_eq!(order(LENGTH, &circle).1, [Vec::from_iter(0..LENGTH)]);
+        assert_eq!(order(LENGTH, &circle).1, [(0..LENGTH).collect::<Vec<_>>()]);
     }
 
     #[test]

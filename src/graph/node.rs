@@ -8,7 +8,7 @@ use maquette_node::{AnyNode, FieldError};
 use maquette_syntax::error::{Problem, Span, code};
 use maquette_syntax::paths::{PathProblem, may_read};
 use maquette_syntax::{
-    Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
+    Body, DEEPEST, Field, Finding, FoundFile, Kind, Name, Reader, Slots, Tree, Walk,
     nearest_or_all, unit_names,
 };
 
@@ -32,16 +32,16 @@ impl Check<'_, '_> {
             let other = self.survey_of_side(what, tree, &values.of_other_side());
             let found = std::mem::replace(&mut self.findings, known);
             for finding in found {
-                let same = |known: &Finding| {
+                if !self.findings.iter().any(|known| {
                     (known.code, known.span, &known.message)
                         == (finding.code, finding.span, &finding.message)
-                };
-                if !self.findings.iter().any(same) {
+                }) {
                     self.findings.push(finding);
                 }
             }
-            let is_elsewhere = |link: &&FoundLink| other.links.iter().all(|o| o.span != link.span);
-            if let Some(link) = survey.links.iter().find(is_elsewhere) {
+            if let Some(link) =
+                survey.links.iter().find(|link| other.links.iter().all(|o| o.span != link.span))
+            {
                 let message = format!("port `{}` cannot take a Draft: it takes a link", link.port);
                 let help = "give a parameter of the node before it a Draft, or choose by a Switch";
                 self.find(code::WRONG_VALUE, link.span, message, help);
@@ -128,17 +128,16 @@ impl Check<'_, '_> {
             true => Arc::default(),
             false => self.world.roots.as_slice().into(),
         };
-        let file = |given: &str, path: &Path, needed| NodeFile {
-            given: given.to_owned(),
-            needed,
-            ..NodeFile::given(path, roots.clone())
-        };
+        fn file(given: &str, path: &Path, needed: bool, roots: &Arc<[PathBuf]>) -> NodeFile {
+            NodeFile { given: given.to_owned(), needed, ..NodeFile::given(path, roots.clone()) }
+        }
         let named = survey.files.iter().map(|found| NodeFile {
             missing: self.world.missing.get(&self.place_of(found)).cloned(),
-            ..file(&found.given, &found.resolved, true)
+            ..file(&found.given, &found.resolved, true, &roots)
         });
-        let optional = optional.iter().map(|found| file(found.given(), found.resolved(), false));
-        let files = Vec::from_iter(named.chain(optional));
+        let optional =
+            optional.iter().map(|found| file(found.given(), found.resolved(), false, &roots));
+        let files: Vec<_> = named.chain(optional).collect();
         let recipe = Arc::new(Recipe::new(&entry.name, parameters, &files));
         let (pack, tree) = (entry.pack, Arc::new(survey.tree));
         Some(Built { node: node.into(), pack, recipe, files, tree })
@@ -201,15 +200,13 @@ impl Check<'_, '_> {
         read: Option<&dyn AnyNode>,
     ) {
         let uses = self.uses.iter().map(|at| &at.name[..]);
-        let name = Vec::from_iter(uses.chain([node])).join("/");
-        let file = |path: &Path, optional| ReadFile {
-            path: path.to_owned(),
-            node: name.clone(),
-            optional,
-        };
-        self.world.files.extend(named.iter().map(|found| file(&found.resolved, false)));
+        let name = uses.chain([node]).collect::<Vec<_>>().join("/");
+        fn file(path: &Path, optional: bool, name: &str) -> ReadFile {
+            ReadFile { path: path.to_owned(), node: name.to_owned(), optional }
+        }
+        self.world.files.extend(named.iter().map(|found| file(&found.resolved, false, &name)));
         let optional = read.map(AnyNode::files).unwrap_or_default();
-        self.world.files.extend(optional.iter().map(|found| file(found.resolved(), true)));
+        self.world.files.extend(optional.iter().map(|found| file(found.resolved(), true, &name)));
     }
 
     /// The node's call with the fields that `--set node.field=value` gives.
@@ -249,7 +246,7 @@ impl Check<'_, '_> {
 
     /// Puts a value into a call, or says why there is no such place in it.
     fn set(&mut self, tree: &mut Tree, (target, text): (&str, &str), path: &str, value: &Tree) {
-        let steps = Vec::from_iter(path.split('.'));
+        let steps: Vec<_> = path.split('.').collect();
         if let Some(Refusal { code, message, help, .. }) =
             unreachable_part(tree, &steps, self.world.options.draft)
         {
@@ -268,7 +265,7 @@ impl Check<'_, '_> {
         eaches: &[Each],
     ) {
         let nodes = drafts.iter().map(|draft| &draft.name.text[..]);
-        let nodes = Vec::from_iter(nodes.chain(eaches.iter().map(|each| &each.name[..])));
+        let nodes: Vec<_> = nodes.chain(eaches.iter().map(|each| &each.name[..])).collect();
         let options = self.world.options;
         for (target, text) in &options.set {
             if target.split('.').count() > DEEPEST {
@@ -283,11 +280,11 @@ impl Check<'_, '_> {
             if !known.contains(&name) {
                 let message = format!("--set {target}={text}: the graph has no {what} `{name}`");
                 let inside = name.split_once('/').map(|(outer, _)| outer);
-                let is_repeated = |outer: &&str| {
+                fn is_repeated(outer: &&str, drafts: &[Draft]) -> bool {
                     drafts.iter().any(|it| it.name.text == **outer && it.repeat.is_some())
-                };
+                }
                 let help = match inside.filter(|outer| known.contains(outer)) {
-                    Some(outer) if is_repeated(&outer) => format!(
+                    Some(outer) if is_repeated(&outer, drafts) => format!(
                         "how many elements `{outer}` has is not known, so that they are not set one by one; all of them: --set {outer}.with.field=VALUE"
                     )
                     .into(),
@@ -375,7 +372,9 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
 /// Gives each number of a vector the unit of all, so that one of them can have another: `(cm(1), cm(0), cm(2))` of `cm(1, 0, 2)`.
 fn spread_unit(tree: &mut Tree) {
     let Kind::Call { name, body: Body::Items(items) } = &mut tree.kind else { return };
-    let is_unit = |name: &Name| unit_names().any(|unit| unit == name.text);
+    fn is_unit(name: &Name) -> bool {
+        unit_names().any(|unit| unit == name.text)
+    }
     let Some(unit) = name.take_if(|name| is_unit(name) && items.len() > 1) else { return };
     for item in items {
         let number = std::mem::replace(item, Tree::new(item.span, Kind::Broken));

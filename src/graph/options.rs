@@ -66,8 +66,10 @@ impl Options {
     /// However the path is written that leads there.
     fn text_in_place_of(&self, path: &Path) -> Option<&String> {
         let texts = Some(&self.texts).filter(|texts| !texts.is_empty())?;
-        let real = || texts.get(&std::fs::canonicalize(path).ok()?);
-        texts.get(path).or_else(|| texts.get(&without_dots(path))).or_else(real)
+        texts
+            .get(path)
+            .or_else(|| texts.get(&without_dots(path)))
+            .or_else(|| texts.get(&std::fs::canonicalize(path).ok()?))
     }
 
     /// Whether a text stands in place of the file.

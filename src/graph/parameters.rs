@@ -71,9 +71,9 @@ impl Parameters {
             declarations.push(declared);
         }
         let order = Order::of(&declarations, sheet, findings);
-        let is_derived = |declared: &&Declaration| is_parametric(&declared.default);
         let derived = order.all.iter().map(|&at| &declarations[at]);
-        parameters.derived = derived.filter(is_derived).cloned().collect();
+        parameters.derived =
+            derived.filter(|declared| is_parametric(&declared.default)).cloned().collect();
         let mut others = Self { draft: !draft, ..parameters.clone() };
         let has_sides = declarations.iter().any(|declared| has_draft(&declared.default));
         // What is wrong with the other side is reported if it is not wrong with this one.
@@ -284,9 +284,11 @@ fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
 
 /// The text in a `Param` or `Expr`.
 fn written(argument: &Tree) -> Result<&str, Box<Finding>> {
-    let found = || format!("this wants a text, not {}", argument.in_words());
+    fn found(argument: &Tree) -> String {
+        format!("this wants a text, not {}", argument.in_words())
+    }
     let help = "write Param(\"name\") or Expr(\"a + b\")";
-    argument.text().ok_or_else(|| wrong(argument.span, found(), help.into()))
+    argument.text().ok_or_else(|| wrong(argument.span, found(argument), help.into()))
 }
 
 fn wrong(span: Span, message: String, help: Help) -> Box<Finding> {
@@ -314,12 +316,14 @@ pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
 
 /// The value as another file gets it: with the place in this file that it comes from.
 pub(crate) fn handed_over(tree: Tree, sheet: &Arc<Sheet>) -> Tree {
-    let given = |span, set| Some(Origin::Given(Given { sheet: sheet.clone(), span, set }));
+    fn given(span: Span, set: Option<String>, sheet: &Arc<Sheet>) -> Option<Origin> {
+        Some(Origin::Given(Given { sheet: sheet.clone(), span, set }))
+    }
     let again = |tree: Tree| handed_over(tree, sheet);
     let origin = match tree.origin {
-        Some(Origin::Default(span)) => given(span, None),
-        Some(Origin::Set(text)) => given(tree.span, Some(text)),
-        None => given(tree.span, None),
+        Some(Origin::Default(span)) => given(span, None, sheet),
+        Some(Origin::Set(text)) => given(tree.span, Some(text), sheet),
+        None => given(tree.span, None, sheet),
         // It was handed over before; where it was first is what counts.
         given => given,
     };
@@ -355,16 +359,23 @@ pub(crate) fn is_parametric(tree: &Tree) -> bool {
 
 /// The tree with all its places set to one, because its own are not in the file.
 fn moved(tree: Tree, span: Span) -> Tree {
-    let all = |trees: Vec<Tree>| trees.into_iter().map(|tree| moved(tree, span)).collect();
+    fn all(trees: Vec<Tree>, span: &Span) -> Vec<Tree> {
+        trees.into_iter().map(|tree| moved(tree, *span)).collect()
+    }
     let kind = match tree.kind {
-        Kind::List(items) => Kind::List(all(items)),
+        Kind::List(items) => Kind::List(all(items, &span)),
         Kind::Call { name, body: Body::Items(items) } => {
-            Kind::Call { name, body: Body::Items(all(items)) }
+            Kind::Call { name, body: Body::Items(all(items, &span)) }
         }
-        Kind::Call { name, body: Body::Fields(fields) } => {
-            let field = |field: Field| Field { value: moved(field.value, span), ..field };
-            Kind::Call { name, body: Body::Fields(fields.into_iter().map(field).collect()) }
-        }
+        Kind::Call { name, body: Body::Fields(fields) } => Kind::Call {
+            name,
+            body: Body::Fields(
+                fields
+                    .into_iter()
+                    .map(|field: Field| Field { value: moved(field.value, span), ..field })
+                    .collect(),
+            ),
+        },
         plain => plain,
     };
     Tree { span, kind, origin: tree.origin }

@@ -215,11 +215,12 @@ impl Check<'_, '_> {
             };
             match &value.kind {
                 Kind::Call { name: None, body: Body::Fields(fields) } => {
-                    let target = |field: &Field| format!("{node}.{}", field.name.text);
-                    let put = |field: &Field| {
-                        (target(field), key.span, field.name.span, field.value.clone())
-                    };
-                    puts.extend(fields.iter().map(put));
+                    fn target(field: &Field, node: &str) -> String {
+                        format!("{node}.{}", field.name.text)
+                    }
+                    puts.extend(fields.iter().map(|field| {
+                        (target(field, node), key.span, field.name.span, field.value.clone())
+                    }));
                 }
                 Kind::Call { name: None, body: Body::Empty } => {}
                 _ => {
@@ -309,12 +310,13 @@ fn steps(text: &str, key: Span, field: Span) -> Vec<(&str, Span)> {
 fn led_by(lead: &str, names: &[(&str, Span)]) -> Vec<(usize, Span)> {
     let (mut found, mut end) = (Vec::new(), lead.len());
     for (name, span) in names.iter().rev().filter(|(name, _)| !name.is_empty()) {
-        let is_key = |at: &usize| {
-            let is_part = |c: char| c.is_alphanumeric() || c == '_';
+        let Some(at) = lead[..end].rfind(name).filter(|at| {
             let behind = lead[at + name.len()..].trim_start();
-            behind.starts_with(':') && !lead[..*at].ends_with(is_part)
+            behind.starts_with(':')
+                && !lead[..*at].ends_with(|c: char| c.is_alphanumeric() || c == '_')
+        }) else {
+            break;
         };
-        let Some(at) = lead[..end].rfind(name).filter(is_key) else { break };
         found.insert(0, (at, *span));
         end = at;
     }

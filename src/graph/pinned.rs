@@ -58,8 +58,10 @@ impl World<'_> {
     }
 
     fn stale(&self, pins: &Pins, nodes: &[GraphNode]) -> Vec<Problem> {
-        let place = |name: &String| nodes.iter().position(|node| node.name == *name);
-        let stale = pins.pins.iter().filter_map(|(name, pin)| match place(name) {
+        fn place(name: &String, nodes: &[GraphNode]) -> Option<usize> {
+            nodes.iter().position(|node| node.name == *name)
+        }
+        let stale = pins.pins.iter().filter_map(|(name, pin)| match place(name, nodes) {
             None => {
                 let message = format!("`{name}` is pinned, but the graph has no such node");
                 let help =
@@ -84,23 +86,27 @@ impl World<'_> {
         (name, pin): (&String, &Pin),
         pins: &Pins,
     ) -> Result<GraphNode, Box<Problem>> {
-        let error = |code, message| {
+        fn error(code: &'static str, message: String, node: &GraphNode) -> Box<Problem> {
             let help = "pin it again, or unpin it";
             Box::new(node.problem(Severity::Error, code, message, help))
-        };
-        let kind = |(kind, hash): &(String, Hash)| Some((*self.values.get(&kind[..])?, *hash));
-        let kept = pin.outputs.iter().map(kind).collect::<Option<Vec<_>>>();
-        let fits = |kept: &Vec<(&'static ValueType, Hash)>| {
-            let same = |(kind, (kept, _)): (&Option<_>, &(_, _))| kind.is_none_or(|it| it == *kept);
-            kept.len() == node.outputs.len() && node.types.iter().zip(kept).all(same)
-        };
-        let Some(kept) = kept.filter(fits) else {
+        }
+        let kept = pin
+            .outputs
+            .iter()
+            .map(|(kind, hash)| Some((*self.values.get(&kind[..])?, *hash)))
+            .collect::<Option<Vec<_>>>();
+        let Some(kept) = kept.filter(|kept| {
+            kept.len() == node.outputs.len()
+                && node.types.iter().zip(kept).all(|(kind, (kept, _)): (&Option<_>, &(_, _))| {
+                    kind.is_none_or(|it| it == *kept)
+                })
+        }) else {
             let now = node.types.iter().flatten().map(|kind| kind.name);
             let [was, now] =
                 [pin.outputs.iter().map(|(kind, _)| &kind[..]).collect(), now.collect()]
                     .map(|kinds: Vec<&str>| kinds.join(", "));
             let message = format!("`{name}` is pinned with {was}, and gives {now} now");
-            return Err(error(code::WRONG_TYPE, message));
+            return Err(error(code::WRONG_TYPE, message, node));
         };
         let path = pin.file(&pins.folder);
         let folder = pins.folder.file_name().unwrap_or_default().to_string_lossy();
@@ -108,9 +114,9 @@ impl World<'_> {
         if self.options.files == Files::Needed && !path.is_file() {
             self.files.push(crate::ReadFile { path, node: name.clone(), optional: false });
             let message = format!("`{name}` is pinned, but its result {given} is not there");
-            return Err(error(code::MISSING_FILE, message));
+            return Err(error(code::MISSING_FILE, message, node));
         }
-        let hashes = Vec::from_iter(kept.iter().map(|(_, hash)| hash.to_string()));
+        let hashes: Vec<_> = kept.iter().map(|(_, hash)| hash.to_string()).collect();
         let file = NodeFile { given: given.clone(), ..NodeFile::given(&path, Arc::default()) };
         Ok(GraphNode {
             recipe: Arc::new(Recipe::new(PINNED, json!({ "outputs": hashes }), &[])),

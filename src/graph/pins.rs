@@ -54,7 +54,7 @@ impl Pin {
 
     /// The file of its values in the folder of a graph's pins.
     pub fn file(&self, folder: &Path) -> PathBuf {
-        let hashes = Vec::from_iter(self.outputs.iter().flat_map(|(_, hash)| hash.0));
+        let hashes: Vec<_> = self.outputs.iter().flat_map(|(_, hash)| hash.0).collect();
         folder.join(Hash::of(&hashes).to_string())
     }
 }

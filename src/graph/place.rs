@@ -61,12 +61,13 @@ pub fn place(
     let entry = entries.iter().find(|(key, _)| key.text() == Some(name));
     if is_patch {
         // Of a node that is patched further in, the longest name there is counts.
-        let begins = |key: &str| {
+        fn begins(key: &str, target: &str) -> Option<String> {
             target.strip_prefix(key).and_then(|rest| rest.strip_prefix('.')).map(str::to_owned)
-        };
-        let known = entries.iter().filter_map(|(key, entry)| Some((begins(key.text()?)?, entry)));
+        }
+        let known =
+            entries.iter().filter_map(|(key, entry)| Some((begins(key.text()?, target)?, entry)));
         return match (known.min_by_key(|(rest, _)| rest.len()), entry) {
-            (Some((rest, entry)), _) => put(entry, &Vec::from_iter(rest.split('.'))),
+            (Some((rest, entry)), _) => put(entry, &rest.split('.').collect::<Vec<_>>()),
             (None, Some((_, entry))) => put(entry, &[]),
             (None, None) => Ok((new_entry(text, &tree, section, target, value), None)),
         };
@@ -80,7 +81,7 @@ pub fn place(
             ..Refusal::new(Span::default(), message, help.into())
         });
     };
-    put(entry, &Vec::from_iter(path.split('.')))
+    put(entry, &path.split('.').collect::<Vec<_>>())
 }
 
 /// The same within one value.
@@ -92,28 +93,30 @@ fn in_call(
     overrules: bool,
     side: Option<bool>,
 ) -> Result<(Vec<Splice>, Option<String>), Refusal> {
-    let is_computed = |text: &str| {
+    fn is_computed(text: &str) -> bool {
         let tree = parse(text).0;
         tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
-    };
+    }
     if let Some((vector, index)) = vector_in_unit(entry, steps, side)
         && let Kind::Call { name: Some(unit), body: Body::Items(items) } = &vector.kind
         && let Some(item) = items.get(index)
         && (side != Some(true) || is_in_draft(entry, steps, item))
     {
-        let written = |tree: &Tree| text[tree.span.start..tree.span.end].to_owned();
+        fn written(tree: &Tree, text: &str) -> String {
+            text[tree.span.start..tree.span.end].to_owned()
+        }
         let (new, unit) = (parse(value).0, &unit.text);
         // In the unit of the others it stands as they do.
         if let Some(number) = new.call_of(unit) {
             let number = value[number.span.start..number.span.end].to_owned();
-            return Ok((vec![(item.span, number)], Some(written(item))));
+            return Ok((vec![(item.span, number)], Some(written(item, text))));
         }
         let each = items.iter().enumerate().map(|(at, other)| match at == index {
             true => value.to_owned(),
-            false => format!("{unit}({})", written(other)),
+            false => format!("{unit}({})", written(other, text)),
         });
         let all = format!("({})", Vec::from_iter(each).join(", "));
-        return Ok((vec![(vector.span, all)], Some(format!("{unit}({})", written(item)))));
+        return Ok((vec![(vector.span, all)], Some(format!("{unit}({})", written(item, text)))));
     }
     match find(entry, steps, side)? {
         Found::Value(tree) => {
@@ -139,8 +142,10 @@ fn in_call(
                 let message = format!("`{name}` is not there, so that it has no items to set");
                 return Err(Refusal::new(owner.span, message, format!("give all of `{name}`")));
             }
-            let within = |value, name: &String| format!("({name}: {value})");
-            let value = inner.iter().rev().fold(value.to_owned(), within);
+            let value = inner
+                .iter()
+                .rev()
+                .fold(value.to_owned(), |value, name| format!("({name}: {value})"));
             Ok((added(text, owner, name, &value), None))
         }
     }
@@ -164,10 +169,10 @@ fn vector_in_unit<'t>(
 /// Whether what a way for drafts leads to lies in a `Draft`: final results have something else there.
 fn is_in_draft(entry: &Tree, steps: &[&str], reached: &Tree) -> bool {
     let is_named = steps.iter().any(|step| is_side(step));
-    let is_same = |found| match found {
-        Found::Value(other) | Found::Missing(other, _) => other.span == reached.span,
-    };
-    is_named || !find(entry, steps, Some(false)).is_ok_and(is_same)
+    is_named
+        || !find(entry, steps, Some(false)).is_ok_and(|found| match found {
+            Found::Value(other) | Found::Missing(other, _) => other.span == reached.span,
+        })
 }
 
 /// The edits that give a patch an entry that it does not have: `"growth": 25.0`, or `"red.select": (distance: 25.0)`.
@@ -271,16 +276,20 @@ pub fn unreachable_part(tree: &Tree, path: &[&str], draft: bool) -> Option<Refus
 
 /// Refuses a place that stands for a parameter, and says which to set instead.
 fn not_computed(tree: &Tree, value: &str) -> Result<(), Refusal> {
-    let refuse = |message: String, help: String| {
-        Err(Refusal { code: code::EXPRESSION, ..Refusal::new(tree.span, message, help) })
-    };
+    fn refuse(message: String, help: String, tree_span: &Span) -> Result<(), Refusal> {
+        Err(Refusal { code: code::EXPRESSION, ..Refusal::new(*tree_span, message, help) })
+    }
     if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
         let message = format!("its value is Param(\"{name}\"), a parameter of the graph");
-        return refuse(message, format!("set the parameter: {name}={value}"));
+        return refuse(message, format!("set the parameter: {name}={value}"), &tree.span);
     }
     if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
         let message = format!("its value is computed by Expr(\"{text}\")");
-        return refuse(message, "set a parameter in it, or give another Expr(\"..\")".into());
+        return refuse(
+            message,
+            "set a parameter in it, or give another Expr(\"..\")".into(),
+            &tree.span,
+        );
     }
     Ok(())
 }

@@ -40,7 +40,7 @@ impl Check<'_, '_> {
             return Vec::new();
         };
         let Some(kind) = kind else { return Vec::new() };
-        let known = Vec::from_iter(kind.properties().into_iter().map(|(name, _)| name));
+        let known: Vec<_> = kind.properties().into_iter().map(|(name, _)| name).collect();
         let mut properties = Vec::new();
         for word in words {
             let name = match &word.kind {
@@ -72,7 +72,7 @@ impl Check<'_, '_> {
         for (key, list) in top.promises {
             let name = key.text().unwrap_or_default();
             let Some(port) = ports.iter().find(|port| port.name == name) else {
-                let names = Vec::from_iter(ports.iter().map(|port| &port.name[..]));
+                let names: Vec<_> = ports.iter().map(|port| &port.name[..]).collect();
                 let (message, help) = match names.is_empty() {
                     true => (
                         "a graph without `inputs` gives files, of which nothing is promised"

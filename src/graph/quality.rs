@@ -13,7 +13,9 @@ pub fn is_draft(tree: &Tree) -> bool {
 
 /// A `Draft(..)` of what its sides have, by their names.
 pub(super) fn draft_of(value: impl Fn(&str) -> Tree) -> Tree {
-    let name = |text: &str| Name { text: text.to_owned(), span: Span::default() };
+    fn name(text: &str) -> Name {
+        Name { text: text.to_owned(), span: Span::default() }
+    }
     let fields = SIDES.map(|side| Field { name: name(side), value: value(side) });
     let kind = Kind::Call { name: Some(name("Draft")), body: Body::Fields(fields.to_vec()) };
     Tree::new(Span::default(), kind)
@@ -49,8 +51,12 @@ pub fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
 /// The `Draft` with each of its values replaced.
 pub(super) fn each_side(tree: &Tree, mut replaced: impl FnMut(&Tree) -> Tree) -> Tree {
     let Kind::Call { name, body: Body::Fields(fields) } = &tree.kind else { return tree.clone() };
-    let field = |field: &Field| Field { name: field.name.clone(), value: replaced(&field.value) };
-    let body = Body::Fields(fields.iter().map(field).collect());
+    let body = Body::Fields(
+        fields
+            .iter()
+            .map(|field| Field { name: field.name.clone(), value: replaced(&field.value) })
+            .collect(),
+    );
     Tree { kind: Kind::Call { name: name.clone(), body }, ..tree.clone() }
 }
 
@@ -64,12 +70,24 @@ pub(super) fn chosen<'t>(
     if !is_draft(tree) {
         return Some(tree);
     }
-    let mut find = |code, span, message: String, help: Help| {
+    fn find(
+        code: &'static str,
+        span: Span,
+        message: String,
+        help: Help,
+        findings: &mut Vec<Finding>,
+    ) {
         findings.push(Finding { code, span, message, help, note: None });
-    };
+    }
     let Some(fields) = tree.fields() else {
         let message = "the values of a Draft have names".to_owned();
-        find(code::WRONG_VALUE, tree.span, message, "write Draft(final: 4, draft: 1)".into());
+        find(
+            code::WRONG_VALUE,
+            tree.span,
+            message,
+            "write Draft(final: 4, draft: 1)".into(),
+            findings,
+        );
         return None;
     };
     let unknown = fields.iter().filter(|field| !is_side(&field.name.text));
@@ -77,14 +95,26 @@ pub(super) fn chosen<'t>(
     for field in unknown {
         let word = &field.name.text;
         let help = nearest_or_all(word, "its fields", &SIDES);
-        find(code::UNKNOWN_FIELD, field.name.span, format!("Draft has no field `{word}`"), help);
+        find(
+            code::UNKNOWN_FIELD,
+            field.name.span,
+            format!("Draft has no field `{word}`"),
+            help,
+            findings,
+        );
         is_sound = false;
     }
     if let Some(lacking) = SIDES.iter().find(|side| fields.iter().all(|f| f.name.text != **side))
         && is_sound
     {
         let message = format!("Draft needs a field `{lacking}`");
-        find(code::MISSING_FIELD, tree.span, message, "write Draft(final: 4, draft: 1)".into());
+        find(
+            code::MISSING_FIELD,
+            tree.span,
+            message,
+            "write Draft(final: 4, draft: 1)".into(),
+            findings,
+        );
         is_sound = false;
     }
     side(tree, draft).filter(|_| is_sound)

@@ -50,8 +50,7 @@ pub fn files(definition: &Definition) -> BTreeSet<Span> {
             continue;
         };
         // Of a `Draft` both sides are.
-        let is_in = |at: &Span| default.span.start <= at.start && at.end <= default.span.end;
-        if files.iter().any(is_in) {
+        if files.iter().any(|at| default.span.start <= at.start && at.end <= default.span.end) {
             let sides = [false, true].into_iter().filter_map(|draft| side(default, draft));
             files.extend(sides.map(|side| side.span));
         }

@@ -38,17 +38,22 @@ impl Recipe {
     /// The files that its fields name, each with the way there: `color`, `select.mask`.
     pub fn files(&self) -> Vec<(String, PathBuf)> {
         fn collect(field: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
-            let mut inside = |step: &str, value: &Json| {
+            fn inside(step: &str, value: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
                 let way = if way.is_empty() { step.to_owned() } else { format!("{way}.{step}") };
                 collect(value, &way, found);
-            };
+            }
             match field {
                 Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
                     Some(path) => found.push((way.to_owned(), path.into())),
-                    None => entries.iter().for_each(|(name, value)| inside(name, value)),
+                    None => {
+                        entries.iter().for_each(|(name, value)| inside(name, value, way, found))
+                    }
                 },
                 Json::Array(items) => {
-                    items.iter().enumerate().for_each(|(nth, item)| inside(&nth.to_string(), item));
+                    items
+                        .iter()
+                        .enumerate()
+                        .for_each(|(nth, item)| inside(&nth.to_string(), item, way, found));
                 }
                 _ => {}
             }
@@ -69,10 +74,12 @@ fn without_paths(field: &Json) -> Json {
     match field {
         Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
             Some(path) => json!({ FILE: ending(path.as_ref()) }),
-            None => {
-                let entry = |(name, value): (&String, &Json)| (name.clone(), without_paths(value));
-                Json::Object(entries.iter().map(entry).collect())
-            }
+            None => Json::Object(
+                entries
+                    .iter()
+                    .map(|(name, value): (&String, &Json)| (name.clone(), without_paths(value)))
+                    .collect(),
+            ),
         },
         Json::Array(items) => items.iter().map(without_paths).collect(),
         plain => plain.clone(),

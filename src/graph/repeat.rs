@@ -37,7 +37,8 @@ impl Check<'_, '_> {
             drafts.push(draft);
             return;
         }
-        let mut added = Vec::from_iter(repeated.number.as_ref().map(|name| numbered(name, 1)));
+        let mut added: Vec<_> =
+            repeated.number.as_ref().map(|name| numbered(name, 1)).into_iter().collect();
         let mut elements = None;
         let count = match &repeated.over {
             Over::Data(link, word) => {
@@ -93,11 +94,13 @@ impl Check<'_, '_> {
         if matches!(what, What::Unknown(_)) {
             return true;
         }
-        let ports = Vec::from_iter(what.ports().into_iter().map(|port| port.name));
-        let is_input = |field: &&Field| ports.contains(&field.name.text);
-        for Field { name, .. } in repeated.carry.iter().filter(|field| !is_input(field)) {
+        let ports: Vec<_> = what.ports().into_iter().map(|port| port.name).collect();
+        fn is_input(field: &&Field, ports: &[String]) -> bool {
+            ports.contains(&field.name.text)
+        }
+        for Field { name, .. } in repeated.carry.iter().filter(|field| !is_input(field, &ports)) {
             let message = format!("{} has no input `{}` to carry", what.kind(), name.text);
-            let known = Vec::from_iter(ports.iter().map(String::as_str));
+            let known: Vec<_> = ports.iter().map(String::as_str).collect();
             let help = self.guess(|| nearest_or_all(&name.text, "its inputs", &known));
             self.find(code::UNKNOWN_FIELD, name.span, message, help);
         }
@@ -108,11 +111,13 @@ impl Check<'_, '_> {
     fn taker(&mut self, draft: &Draft, repeated: &Repeated, link: &Tree) -> Option<Name> {
         let kind = draft.what.kind();
         let fields = draft.tree.fields().unwrap_or_default();
-        let is_given = |port: &&PortDescription| fields.iter().any(|it| it.name.text == port.name);
+        fn is_given(port: &&PortDescription, fields: &[Field]) -> bool {
+            fields.iter().any(|it| it.name.text == port.name)
+        }
         let ports = draft.what.ports();
         if let Some(each) = &repeated.each {
             if let Some(port) = ports.iter().find(|port| port.name == each.text) {
-                if is_given(&port) {
+                if is_given(&port, fields) {
                     let message = format!("input `{}` takes the data, but has a link", each.text);
                     self.find(code::BAD_NAME, each.span, message, "keep one of them");
                     return None;
@@ -120,18 +125,19 @@ impl Check<'_, '_> {
                 return Some(each.clone());
             }
             let message = format!("{kind} has no input `{}`", each.text);
-            let known = Vec::from_iter(ports.iter().map(|port| &port.name[..]));
+            let known: Vec<_> = ports.iter().map(|port| &port.name[..]).collect();
             let help = self.guess(|| nearest_or_all(&each.text, "its inputs", &known));
             self.find(code::UNKNOWN_FIELD, each.span, message, help);
             return None;
         }
-        let free = Vec::from_iter(ports.iter().filter(|port| !port.optional && !is_given(port)));
+        let free: Vec<_> =
+            ports.iter().filter(|port| !port.optional && !is_given(port, fields)).collect();
         match free[..] {
             [port] => Some(Name { text: port.name.clone(), span: link.span }),
             [] => {
                 let message = format!("no input of {kind} is left for the data");
-                let known = Vec::from_iter(ports.iter().filter(|port| !is_given(port)));
-                let known = Vec::from_iter(known.iter().map(|port| &port.name[..]));
+                let known: Vec<_> = ports.iter().filter(|port| !is_given(port, fields)).collect();
+                let known: Vec<_> = known.iter().map(|port| &port.name[..]).collect();
                 let help = match known[..] {
                     [] => "leave out the link of the one that takes them".to_owned(),
                     [first, ..] => format!("name the one that takes them: `each: \"{first}\"`"),
@@ -189,12 +195,15 @@ impl Check<'_, '_> {
         let of_nodes = of_nodes.map(|link| (link.text.clone(), link.span));
         let others = texts.iter().flat_map(|tree| texts_in(tree));
         let others = others.map(|tree| (tree.text().unwrap_or_default().to_owned(), tree.span));
-        for (text, span) in Vec::from_iter(of_nodes.chain(others)) {
+        for (text, span) in of_nodes.chain(others).collect::<Vec<_>>() {
             let text = text.split('.').next().unwrap_or_default();
             let Some((each, number)) = text.split_once('/') else { continue };
             let Ok(number) = number.parse::<usize>() else { continue };
-            let is_it = |draft: &Draft| draft.name.text == each && draft.repeat.is_some();
-            let Some(of) = drafts.iter().position(is_it) else { continue };
+            let Some(of) =
+                drafts.iter().position(|draft| draft.name.text == each && draft.repeat.is_some())
+            else {
+                continue;
+            };
             if drafts.iter().any(|draft| draft.name.text == text) {
                 continue;
             }

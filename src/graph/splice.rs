@@ -27,7 +27,9 @@ pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
 
 /// The edits that add a field to a call, or to a bare word, as its author writes fields.
 pub fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
-    let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+    fn insert(at: usize, text: String) -> (Span, String) {
+        (Span { start: at, end: at }, text)
+    }
     let Some(last) = owner.fields().and_then(<[Field]>::last) else {
         // `Name` or `Name()`, perhaps with spaces or comments in it.
         let inside = &text[owner.span.start..owner.span.end];
@@ -56,7 +58,9 @@ pub fn behind(
     last: Span,
     new: &str,
 ) -> Vec<Splice> {
-    let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+    fn insert(at: usize, text: String) -> (Span, String) {
+        (Span { start: at, end: at }, text)
+    }
     let tail = Tail::of(text, last.end, owner.end);
     if let Some(indent) = indent_of(text, owner, last) {
         let newline = newline(text, last.start);
@@ -233,21 +237,31 @@ fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
 /// Whole lines, and the blank lines before them where blank lines or the closing bracket follow.
 pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
     let Span { mut start, mut end } = cut;
-    let begins_line = |at: usize| text[..at].ends_with('\n');
-    if !begins_line(start) || !begins_line(end) {
+    fn begins_line(at: usize, text: &str) -> bool {
+        text[..at].ends_with('\n')
+    }
+    if !begins_line(start, text) || !begins_line(end, text) {
         return cut;
     }
     let first_line = |at: usize| text[at..close].split_inclusive('\n').next().unwrap_or_default();
-    let is_blank = |line: &str| line.ends_with('\n') && line.trim().is_empty();
-    let line_before = |at: usize| &text[line_start(text, at - 1)..at];
-    let is_behind = |start: usize| open < start && is_blank(line_before(start));
+    fn is_blank(line: &str) -> bool {
+        line.ends_with('\n') && line.trim().is_empty()
+    }
+    fn line_before(at: usize, text: &str) -> &str {
+        &text[line_start(text, at - 1)..at]
+    }
+    fn is_behind(start: usize, open: usize, text: &str) -> bool {
+        open < start && is_blank(line_before(start, text))
+    }
     if text[open..start].trim().is_empty() {
         while is_blank(first_line(end)) {
             end += first_line(end).len();
         }
     }
-    if is_behind(start) && (is_blank(first_line(end)) || text[end..close].trim().is_empty()) {
-        while is_behind(start) && line_start(text, start - 1) > open {
+    if is_behind(start, open, text)
+        && (is_blank(first_line(end)) || text[end..close].trim().is_empty())
+    {
+        while is_behind(start, open, text) && line_start(text, start - 1) > open {
             start = line_start(text, start - 1);
         }
     }

@@ -40,8 +40,11 @@ impl Stamp {
     }
 
     pub fn new(metadata: &Metadata) -> Self {
-        let since = |time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok();
-        let modified = metadata.modified().ok().and_then(since).map_or(0, |since| since.as_nanos());
+        let modified = metadata
+            .modified()
+            .ok()
+            .and_then(|time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok())
+            .map_or(0, |since| since.as_nanos());
         #[cfg(unix)]
         let (changed, place) = {
             use std::os::unix::fs::MetadataExt;

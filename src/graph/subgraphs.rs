@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use maquette_syntax::error::{Span, Use, code};
 use maquette_syntax::paths::{PathProblem, may_read, without_dots};
-use maquette_syntax::{Body, Field, Kind, Name, Tree, nearest, nearest_or_all};
+use maquette_syntax::{Body, Kind, Name, Tree, nearest, nearest_or_all};
 use maquette_value::ValueType;
 use serde_json::{Map, Value as Json, json};
 
@@ -90,13 +90,13 @@ impl<'a> Check<'_, 'a> {
         // That of a file that is still to be written may not be there, and nothing is found through it.
         let path = if folder.is_dir() { path } else { without_dots(&path) };
         self.world.subgraphs.push(path.clone());
-        let is_there = |problem: &PathProblem| {
-            matches!(problem, PathProblem::Missing { .. }) && self.world.options.has_text(&path)
-        };
+        fn is_there(problem: &PathProblem, path: &Path, world_options: &crate::Options) -> bool {
+            matches!(problem, PathProblem::Missing { .. }) && world_options.has_text(path)
+        }
         let readable = may_read(given, &path, &self.world.roots);
-        if let Err(problem) =
-            readable.or_else(|problem| if is_there(&problem) { Ok(()) } else { Err(problem) })
-        {
+        if let Err(problem) = readable.or_else(|problem| {
+            if is_there(&problem, &path, self.world.options) { Ok(()) } else { Err(problem) }
+        }) {
             let (code, message, help) = match problem {
                 PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
                 PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
@@ -145,7 +145,8 @@ impl<'a> Check<'_, 'a> {
             let kind = self.input(name, value);
             let fields = value.fields().unwrap_or_default().iter();
             let wants = fields.filter(|field| field.name.text == "wants");
-            let wants = Vec::from_iter(wants.flat_map(|field| self.properties(&field.value, kind)));
+            let wants: Vec<_> =
+                wants.flat_map(|field| self.properties(&field.value, kind)).collect();
             let key = Name { text: name.to_owned(), span: key.span };
             drafts.push(Draft::input(key, value.clone(), kind, optional.is_some()));
             let doc = value.fields().unwrap_or_default().iter();
@@ -188,7 +189,7 @@ impl<'a> Check<'_, 'a> {
         let found = self.world.values.get(&kind.text[..]).copied();
         if found.is_none() {
             let message = format!("there is no type of values `{}`", kind.text);
-            let known = Vec::from_iter(self.world.values.keys().copied());
+            let known: Vec<_> = self.world.values.keys().copied().collect();
             let help = match nearest(&kind.text, known.iter().copied()) {
                 help if help.is_empty() => format!("types: {}", known.join(", ")).into(),
                 help => help,
@@ -201,14 +202,16 @@ impl<'a> Check<'_, 'a> {
 
 /// The first node of this type, and its place.
 pub(crate) fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
-    let is_of_type = |node: &&(Tree, Tree)| {
-        let graph = |field: &Field| field.name.text == "graph" && field.value.text() == Some(name);
+    let (key, _) = top.nodes.iter().find(|node| {
         let kind = node.1.name();
         kind.as_ref().is_some_and(|kind| kind.text == name)
             || kind.is_some_and(|kind| kind.text == "ForEach")
-                && node.1.fields().is_some_and(|fields| fields.iter().any(graph))
-    };
-    let (key, _) = top.nodes.iter().find(is_of_type)?;
+                && node.1.fields().is_some_and(|fields| {
+                    fields
+                        .iter()
+                        .any(|field| field.name.text == "graph" && field.value.text() == Some(name))
+                })
+    })?;
     Some((key.text()?, key.span))
 }
 

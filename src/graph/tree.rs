@@ -22,7 +22,9 @@ pub fn entries<'t>(
 
 /// The value on one line, as a file would have it.
 pub fn show(tree: &Tree) -> String {
-    let all = |items: &[Tree]| Vec::from_iter(items.iter().map(show)).join(", ");
+    fn all(items: &[Tree]) -> String {
+        items.iter().map(show).collect::<Vec<_>>().join(", ")
+    }
     match &tree.kind {
         Kind::Number { value, .. } if value.abs() < 1e-4 && *value != 0.0 => format!("{value:e}"),
         Kind::Number { value, .. } => value.to_string(),
@@ -32,7 +34,7 @@ pub fn show(tree: &Tree) -> String {
         Kind::List(items) => format!("[{}]", all(items)),
         Kind::Map(entries) => {
             let entry = |(key, value): &(Tree, Tree)| format!("{}: {}", show(key), show(value));
-            format!("{{ {} }}", Vec::from_iter(entries.iter().map(entry)).join(", "))
+            format!("{{ {} }}", entries.iter().map(entry).collect::<Vec<_>>().join(", "))
         }
         Kind::Call { name, body } => {
             let name = name.as_ref().map_or("", |name| &name.text);
@@ -42,7 +44,7 @@ pub fn show(tree: &Tree) -> String {
                 Body::Fields(fields) => {
                     let field =
                         |field: &Field| format!("{}: {}", field.name.text, show(&field.value));
-                    Vec::from_iter(fields.iter().map(field)).join(", ")
+                    fields.iter().map(field).collect::<Vec<_>>().join(", ")
                 }
             };
             format!("{name}({body})")

@@ -60,13 +60,14 @@ fn inside(link: &str, node: &str, kind: &str, graph: &Definition) -> (String, He
     let message = format!(
         "`{name}` is inside of the graph `{kind}`, which is known here by its outputs alone"
     );
-    let gives = |(draft, output): (usize, usize)| {
-        let draft = &graph.drafts[draft];
-        let is_wanted = |wanted| draft.what.outputs().get(output) == Some(&wanted);
-        name.strip_prefix(node).and_then(|it| it.strip_prefix('/')) == Some(&draft.name.text)
-            && wanted.map_or(output == 0, is_wanted)
-    };
-    if let Some(port) = graph.ports.iter().find(|port| port.target.is_some_and(gives)) {
+    if let Some(port) = graph.ports.iter().find(|port| {
+        port.target.is_some_and(|(draft, output): (usize, usize)| {
+            let draft = &graph.drafts[draft];
+            name.strip_prefix(node).and_then(|it| it.strip_prefix('/')) == Some(&draft.name.text)
+                && wanted
+                    .map_or(output == 0, |wanted| draft.what.outputs().get(output) == Some(&wanted))
+        })
+    }) {
         let same = format!("{node}.{}", port.name);
         return (message, Help::rename(format!("write `{same}`, which is the same"), link, &same));
     }
@@ -121,11 +122,10 @@ impl Graph {
         // What is inside of a use is compared with what else is there.
         let outer = name.split_once('/').map(|(outer, _)| format!("{outer}/"));
         let outer = outer.filter(|outer| self.node_names().any(|name| name.starts_with(outer)));
-        let is_beside = |name: &&str| match &outer {
+        let known = self.output_names().chain(self.node_names()).filter(|name| match &outer {
             Some(outer) => name.starts_with(outer),
             None => !name.contains('/'),
-        };
-        let known = self.output_names().chain(self.node_names()).filter(is_beside);
+        });
         nearest_or_all(name, "its outputs and nodes", &Vec::from_iter(known)).into()
     }
 
@@ -135,11 +135,14 @@ impl Graph {
         let slashes = name.match_indices('/').map(|(at, _)| (&name[..at], &name[at + 1..]));
         slashes.filter(|(each, _)| self.open_loop(each).is_none()).find_map(|(each, inner)| {
             self.uses.iter().find(|it| it.name == each && it.kind.starts_with("ForEach("))?;
-            let number = |name: &str| {
-                let inner = name.strip_prefix(each)?.strip_prefix('/')?;
-                inner.split('/').next()?.parse::<usize>().ok()
-            };
-            let count = self.names().filter_map(number).max().unwrap_or(0);
+            let count = self
+                .names()
+                .filter_map(|name| {
+                    let inner = name.strip_prefix(each)?.strip_prefix('/')?;
+                    inner.split('/').next()?.parse::<usize>().ok()
+                })
+                .max()
+                .unwrap_or(0);
             let wanted = inner.split('/').next()?;
             wanted.parse::<usize>().ok()?;
             place_of(wanted, count).is_none().then(|| elements(each, count))

@@ -20,8 +20,10 @@ pub(crate) fn words_in<'a>(
     within: &str,
     names: impl IntoIterator<Item = &'a str>,
 ) -> Vec<Word> {
-    let word = |name: &str| Word { topic, within: within.to_owned(), name: name.to_owned() };
-    names.into_iter().map(word).collect()
+    names
+        .into_iter()
+        .map(|name| Word { topic, within: within.to_owned(), name: name.to_owned() })
+        .collect()
 }
 
 /// The choices of a type, which stand in one field, and their fields, as its schema has them.

@@ -9,7 +9,7 @@ use serde_json::{Value as Json, json};
 use super::checker::diagnostic;
 use super::commands::APPLY;
 use super::missing::additions;
-use super::outline::{self, Symbol};
+use super::outline::{self};
 use super::params::range;
 use super::project::Texts;
 use super::{Refused, Server, Subject};
@@ -24,35 +24,36 @@ impl Server {
         let range = range(&params["range"])?;
         let (start, end) = (subject.lines.offset(range.start), subject.lines.offset(range.end));
         let only = params["context"]["only"].as_array();
-        let wants = |kind: &str| {
-            let is_wanted = |wanted: &Json| {
-                wanted.as_str().is_some_and(|wanted| {
-                    wanted.is_empty() || kind == wanted || kind.starts_with(&format!("{wanted}."))
+        fn wants(kind: &str, only: &Option<&Vec<Json>>) -> bool {
+            only.is_none_or(|only| {
+                only.iter().any(|wanted| {
+                    wanted.as_str().is_some_and(|wanted| {
+                        wanted.is_empty()
+                            || kind == wanted
+                            || kind.starts_with(&format!("{wanted}."))
+                    })
                 })
-            };
-            only.is_none_or(|only| only.iter().any(is_wanted))
-        };
+            })
+        }
         let mut found = Vec::new();
         let kind = FileKind::of(&subject.path, text);
-        if wants("quickfix") {
+        if wants("quickfix", &only) {
             let (problems, _) =
                 kind.problems(&subject.path, text.to_owned(), &self.catalog, &subject.options);
             let is_here =
                 |problem: &&Problem| problem.span.start <= end && start <= problem.span.end;
-            let is_own = |problem: &&Problem| {
-                real(&problem.source.name) == subject.path && *problem.source.text == *text
-            };
             let library = self.library(&subject.path, &subject.options);
             // A link to what depends on the node would be a cycle.
-            let errors = |all: &[Problem]| {
+            fn errors(all: &[Problem]) -> usize {
                 all.iter().filter(|problem| problem.severity == Severity::Error).count()
-            };
-            let is_better = |text: &str| {
-                let text = text.to_owned();
-                let left = kind.problems(&subject.path, text, &self.catalog, &subject.options);
-                errors(&left.0) < errors(&problems)
-            };
-            for problem in problems.iter().filter(is_own).filter(is_here) {
+            }
+            for problem in problems
+                .iter()
+                .filter(|problem| {
+                    real(&problem.source.name) == subject.path && *problem.source.text == *text
+                })
+                .filter(is_here)
+            {
                 let mut fix = |title: String, edits: &[(Span, String)], is_only: bool| {
                     let edits =
                         edits.iter().map(|(span, new)| subject.lines.edit(*span, new.clone()));
@@ -67,7 +68,11 @@ impl Server {
                 };
                 if !problem.fix.is_empty() {
                     fix(title(problem), &problem.fix, true);
-                } else if let Some((span, texts)) = additions(&library, problem, is_better) {
+                } else if let Some((span, texts)) = additions(&library, problem, |text| {
+                    let text = text.to_owned();
+                    let left = kind.problems(&subject.path, text, &self.catalog, &subject.options);
+                    errors(&left.0) < errors(&problems)
+                }) {
                     for text in texts {
                         let title = format!("Write `{}`", short(text.trim_end_matches(", ")));
                         fix(title, &[(span, text)], false);
@@ -76,7 +81,7 @@ impl Server {
             }
         }
         // It is asked for by itself, as when a text is saved.
-        let is_all = only.is_some() && wants("source.fixAll");
+        let is_all = only.is_some() && wants("source.fixAll", &only);
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =
                 maquette_edit::fixed(&subject.path, text, &self.catalog, &subject.options);
@@ -93,10 +98,10 @@ impl Server {
         let entries = |name: &'static str| {
             sections.iter().filter(move |it| it.name == name).flat_map(|it| &it.entries)
         };
-        let is_here = |it: &&Symbol| it.span.start <= end && start <= it.span.end;
-        let nodes = Vec::from_iter(entries("nodes").filter(is_here));
+        let nodes: Vec<_> =
+            entries("nodes").filter(|it| it.span.start <= end && start <= it.span.end).collect();
         for action in self.refactors(subject, &nodes, &Vec::from_iter(entries("use"))) {
-            if wants(action.kind()) {
+            if wants(action.kind(), &only) {
                 let is_automatic = params["context"]["triggerKind"] == AUTOMATIC;
                 found.extend(self.refactor(&action, !is_automatic));
             }
@@ -120,13 +125,16 @@ impl Server {
         if self.client.has_action_literals {
             return actions.into();
         }
-        let command = |action: Json| match action.get("edit") {
-            Some(edit) => {
-                json!({ "title": action["title"], "command": APPLY, "arguments": [edit] })
-            }
-            None => action["command"].clone(),
-        };
-        actions.into_iter().map(command).filter(Json::is_object).collect()
+        actions
+            .into_iter()
+            .map(|action: Json| match action.get("edit") {
+                Some(edit) => {
+                    json!({ "title": action["title"], "command": APPLY, "arguments": [edit] })
+                }
+                None => action["command"].clone(),
+            })
+            .filter(Json::is_object)
+            .collect()
     }
 }
 

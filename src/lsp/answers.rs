@@ -62,19 +62,22 @@ impl Server {
                     params["positions"].as_array().ok_or_else(|| missing("positions"))?;
                 let positions = positions.iter().map(position).collect::<Result<Vec<_>, _>>()?;
                 self.of(&uri(params)?, |_, Subject { lines, .. }| {
-                    let one = |position| selection(lines, lines.offset(position));
-                    Ok(positions.into_iter().map(one).collect())
+                    Ok(positions
+                        .into_iter()
+                        .map(|position| selection(lines, lines.offset(position)))
+                        .collect())
                 })
             }
             "textDocument/documentColor" => {
                 self.of(&uri(params)?, |_, subject| Ok(colors(&subject.lines)))
             }
             "textDocument/colorPresentation" => {
-                let level = |name: &str| {
+                fn level(name: &str, params: &Json) -> Result<u8, Refused> {
                     let level = params["color"][name].as_f64().ok_or_else(|| missing(name))?;
                     Ok::<_, Refused>((level * 255.0).round().clamp(0.0, 255.0) as u8)
-                };
-                let [red, green, blue] = [level("red")?, level("green")?, level("blue")?];
+                }
+                let [red, green, blue] =
+                    [level("red", params)?, level("green", params)?, level("blue", params)?];
                 let label = format!("#{red:02x}{green:02x}{blue:02x}");
                 let edit = json!({ "range": range(&params["range"])?, "newText": label });
                 Ok(json!([{ "label": label, "textEdit": edit }]))
@@ -115,7 +118,11 @@ impl Server {
                     let part = formatted.and_then(|new| formatted_lines(lines.text(), &new, span));
                     let edit =
                         part.filter(|(span, new)| lines.text()[span.start..span.end] != **new);
-                    Ok(json!(Vec::from_iter(edit.map(|(span, new)| lines.edit(span, new)))))
+                    Ok(json!(
+                        edit.map(|(span, new)| lines.edit(span, new))
+                            .into_iter()
+                            .collect::<Vec<_>>()
+                    ))
                 })
             }
             _ => Err(Refused::Unknown(method.to_owned())),
@@ -186,7 +193,7 @@ impl Server {
             }
             item
         };
-        let items = Vec::from_iter(found.list.into_iter().enumerate().map(item));
+        let items: Vec<_> = found.list.into_iter().enumerate().map(item).collect();
         // What fits is searched anew with each letter.
         Ok(json!({ "isIncomplete": true, "items": items }))
     }
@@ -243,20 +250,26 @@ impl Server {
             .iter()
             .map(|(path, text)| (*path, Lines::new(text, self.client.columns)))
             .collect();
-        let location = |place: &Found| {
-            let range =
-                lines.get(&*place.file).map(|lines| lines.range(place.span)).unwrap_or_default();
-            json!({ "uri": self.uri(&place.file), "range": range })
-        };
-        found.iter().map(location).collect()
+        found
+            .iter()
+            .map(|place| {
+                let range = lines
+                    .get(&*place.file)
+                    .map(|lines| lines.range(place.span))
+                    .unwrap_or_default();
+                json!({ "uri": self.uri(&place.file), "range": range })
+            })
+            .collect()
     }
 
     fn highlights(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
         let catalog = self.catalog.clone();
         let wanted = self.project.at(&subject.path, at, &catalog, &subject.options);
         let names = self.project.names(&subject.path, &catalog, &subject.options);
-        let is_wanted = |symbol: &Symbol| wanted.iter().any(|named| named.symbol == *symbol);
-        let same = names.all.iter().filter(|named| is_wanted(&named.symbol));
+        fn is_wanted(symbol: &Symbol, wanted: &[maquette_edit::Named]) -> bool {
+            wanted.iter().any(|named| named.symbol == *symbol)
+        }
+        let same = names.all.iter().filter(|named| is_wanted(&named.symbol, &wanted));
         let shown = same.map(|named| {
             let kind = if named.declares { 3 } else { 2 };
             json!({ "range": subject.lines.range(named.span), "kind": kind })
@@ -295,8 +308,10 @@ impl Server {
 
     /// The edits that make these texts of some files; a file that is not there is made, if the editor can do that.
     pub(super) fn edits(&self, texts: &Texts) -> Json {
-        let is_new = |path: &Path| !path.exists() && !self.documents.contains_key(path);
-        if !texts.keys().any(|path| is_new(path)) {
+        fn is_new(path: &Path, documents: &BTreeMap<std::path::PathBuf, crate::Document>) -> bool {
+            !path.exists() && !documents.contains_key(path)
+        }
+        if !texts.keys().any(|path| is_new(path, &self.documents)) {
             let mut changes = BTreeMap::new();
             for (path, new) in texts {
                 let text = self.text(path);
@@ -309,7 +324,7 @@ impl Server {
         for (path, new) in texts {
             let uri = self.uri(path);
             let version = self.documents.get(path).map(|document| document.version);
-            if is_new(path) {
+            if is_new(path, &self.documents) {
                 changes.push(
                     json!({ "kind": "create", "uri": uri, "options": { "overwrite": false } }),
                 );
@@ -325,8 +340,7 @@ impl Server {
     fn links(&mut self, subject: &Subject<'_>) -> Result<Json, Refused> {
         let library = self.library(&subject.path, &subject.options);
         let files = outline::files(&library, subject.lines.text());
-        let link = |(span, path): (Span, std::path::PathBuf)| json!({ "range": subject.lines.range(span), "target": self.uri(&path) });
-        Ok(files.into_iter().map(link).collect())
+        Ok(files.into_iter().map(|(span, path): (Span, std::path::PathBuf)| json!({ "range": subject.lines.range(span), "target": self.uri(&path) })).collect())
     }
 
     /// What came out last, behind the line on which each node begins.
@@ -387,10 +401,12 @@ impl Server {
         });
         let scope = super::scope::Scope::of(text);
         for node in &scope.nodes {
-            let makes = |output: &super::scope::Declared| {
-                output.kind.split(['.', '/']).next() == Some(&node.name.text)
-            };
-            if scope.outputs.iter().any(makes) && lenses.len() < MOST {
+            if scope
+                .outputs
+                .iter()
+                .any(|output| output.kind.split(['.', '/']).next() == Some(&node.name.text))
+                && lenses.len() < MOST
+            {
                 let name = Some(&node.name.text[..]);
                 lenses.push(lens(node.name.span, "inspect", "maquette.inspect", name));
                 lenses.push(lens(node.name.span, "why", "maquette.why", name));
@@ -441,12 +457,15 @@ fn folds(lines: &Lines<'_>) -> Json {
 }
 
 fn colors(lines: &Lines<'_>) -> Json {
-    let color = |(span, rgb): (Span, [u8; 3])| {
-        let [red, green, blue] = rgb.map(|level| f64::from(level) / 255.0);
-        let color = json!({ "red": red, "green": green, "blue": blue, "alpha": 1.0 });
-        json!({ "range": lines.range(span), "color": color })
-    };
-    outline::colors(lines.text()).into_iter().take(MOST).map(color).collect()
+    outline::colors(lines.text())
+        .into_iter()
+        .take(MOST)
+        .map(|(span, rgb): (Span, [u8; 3])| {
+            let [red, green, blue] = rgb.map(|level| f64::from(level) / 255.0);
+            let color = json!({ "red": red, "green": green, "blue": blue, "alpha": 1.0 });
+            json!({ "range": lines.range(span), "color": color })
+        })
+        .collect()
 }
 
 /// The words of some lines by what they are, each relative to the one before.

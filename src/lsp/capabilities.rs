@@ -10,13 +10,13 @@ use super::place::Columns;
 /// What an editor says that it can do. Fields of other types than the protocol's are as good as none.
 pub(super) fn of_client(told: &Json) -> Client {
     let can = |way: &str| told.pointer(way) == Some(&Json::Bool(true));
-    let has = |way: &str, wanted: &str| {
+    fn has(way: &str, wanted: &str, told: &Json) -> bool {
         told.pointer(way)
             .and_then(Json::as_array)
             .is_some_and(|all| all.iter().any(|it| it == wanted))
-    };
+    }
     let offered = told.pointer("/general/positionEncodings").and_then(Json::as_array);
-    let offered = offered.map(|all| Vec::from_iter(all.iter().filter_map(Json::as_str)));
+    let offered = offered.map(|all| all.iter().filter_map(Json::as_str).collect::<Vec<_>>());
     Client {
         columns: Columns::agreed(&offered.unwrap_or_default()),
         snippets: can("/textDocument/completion/completionItem/snippetSupport"),
@@ -26,20 +26,21 @@ pub(super) fn of_client(told: &Json) -> Client {
         shows_documents: can("/window/showDocument/support"),
         progress: can("/window/workDoneProgress"),
         creates_files: can("/workspace/workspaceEdit/documentChanges")
-            && has("/workspace/workspaceEdit/resourceOperations", "create"),
-        resolves: has("/textDocument/codeAction/resolveSupport/properties", "edit")
+            && has("/workspace/workspaceEdit/resourceOperations", "create", told),
+        resolves: has("/textDocument/codeAction/resolveSupport/properties", "edit", told)
             && can("/textDocument/codeAction/dataSupport"),
         has_action_literals: told
             .pointer("/textDocument/codeAction/codeActionLiteralSupport")
             .is_some_and(Json::is_object)
             // Only literals are asked for their edits, and edits that make files are younger than literals.
-            || has("/textDocument/codeAction/resolveSupport/properties", "edit")
-            || has("/workspace/workspaceEdit/resourceOperations", "create"),
+            || has("/textDocument/codeAction/resolveSupport/properties", "edit", told)
+            || has("/workspace/workspaceEdit/resourceOperations", "create", told),
         has_symbol_trees: can("/textDocument/documentSymbol/hierarchicalDocumentSymbolSupport"),
-        hovers_markdown: has("/textDocument/hover/contentFormat", "markdown"),
+        hovers_markdown: has("/textDocument/hover/contentFormat", "markdown", told),
         completes_markdown: has(
             "/textDocument/completion/completionItem/documentationFormat",
             "markdown",
+            told,
         ),
         has_configuration: can("/workspace/configuration"),
         watches_files: can("/workspace/didChangeWatchedFiles/dynamicRegistration"),
@@ -47,7 +48,7 @@ pub(super) fn of_client(told: &Json) -> Client {
 }
 
 pub(super) fn of_server(client: Client) -> Json {
-    let meanings = Vec::from_iter(MEANINGS.iter().map(|(_, name)| name));
+    let meanings: Vec<_> = MEANINGS.iter().map(|(_, name)| name).collect();
     json!({
         "capabilities": {
             "positionEncoding": client.columns.kind(),

@@ -116,12 +116,14 @@ impl Checker {
             }
         }
         self.watcher.watch(files);
-        let uris_of = |path: &Path| uris.get(path).cloned().unwrap_or_else(|| vec![uri_of(path)]);
+        fn uris_of(path: &Path, uris: &HashMap<PathBuf, Vec<Uri>>) -> Vec<Uri> {
+            uris.get(path).cloned().unwrap_or_else(|| vec![uri_of(path)])
+        }
         let mut told = BTreeSet::new();
         let mut published = Vec::new();
         for (path, diagnostics) in by_file {
             let version = open.iter().find(|it| it.path == path).map(|it| it.version);
-            for uri in uris_of(&path) {
+            for uri in uris_of(&path, uris) {
                 if !diagnostics.is_empty() {
                     told.insert(uri.0.clone());
                 }
@@ -132,8 +134,10 @@ impl Checker {
                 published.push(params);
             }
         }
-        let is_open = |uri: &str| published.iter().any(|params| params["uri"] == uri);
-        let gone = self.told.iter().filter(|uri| !is_open(uri));
+        fn is_open(uri: &str, published: &[Json]) -> bool {
+            published.iter().any(|params| params["uri"] == uri)
+        }
+        let gone = self.told.iter().filter(|uri| !is_open(uri, &published));
         let cleared = gone.map(|uri| json!({ "uri": uri, "diagnostics": [] }));
         for params in Vec::from_iter(cleared).into_iter().chain(published) {
             let method = "textDocument/publishDiagnostics".to_owned();

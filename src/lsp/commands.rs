@@ -163,16 +163,20 @@ impl Server {
             self.ask("workspace/applyEdit", json!({ "edit": params["arguments"][0] }));
             return Ok(Some(Json::Null));
         }
-        let argument = |index: usize| params["arguments"][index].as_str();
-        let path = argument(0).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
+        fn argument(index: usize, params: &Json) -> Option<&str> {
+            params["arguments"][index].as_str()
+        }
+        let path = argument(0, params).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
         let path = path.ok_or_else(|| format!("`{command}` wants the URI of a graph first"))?;
         let text = self.text(&path);
-        let is_saved = || read_text(&path).is_ok_and(|saved| *saved == *text);
-        if command != "maquette.stop" && !is_saved() {
+        fn is_saved(path: &Path, text: &Arc<str>) -> bool {
+            read_text(path).is_ok_and(|saved| *saved == **text)
+        }
+        if command != "maquette.stop" && !is_saved(&path, &text) {
             return Err("save the graph first: what is on disk is run".into());
         }
         let roots = self.choices.roots.iter().map(|root| root.display().to_string());
-        let roots = Vec::from_iter(roots.flat_map(|root| ["--root".to_owned(), root]));
+        let roots: Vec<_> = roots.flat_map(|root| ["--root".to_owned(), root]).collect();
         let first: &[&str] = match command {
             "maquette.run" => match first_word(&text) {
                 "Sweep" => &["batch"],
@@ -197,8 +201,8 @@ impl Server {
             _ => return Err(format!("there is no command `{command}`")),
         };
         let name = path.display().to_string();
-        let words = first.iter().copied().chain([&name[..]]).chain(argument(1));
-        let words = Vec::from_iter(words.map(str::to_owned).chain(roots));
+        let words = first.iter().copied().chain([&name[..]]).chain(argument(1, params));
+        let words: Vec<_> = words.map(str::to_owned).chain(roots).collect();
         let job = Work { words, path, text, shows: self.choices.shows };
         self.commands.start(id.clone(), first[0], job)?;
         Ok(None)
@@ -240,15 +244,15 @@ impl Commands {
         let (running, news, is_run) = (self.running.clone(), self.news.clone(), verb == "run");
         let title = format!("{verb} {}", path.file_name().unwrap_or_default().display());
         std::thread::spawn(move || {
-            let tell = |method: &str, params: Json| {
+            fn tell(method: &str, params: Json, sender: &crossbeam_channel::Sender<Message>) {
                 let _ = sender.send(Notification { method: method.to_owned(), params }.into());
-            };
+            }
             if client.progress {
                 let params = json!({ "token": token });
                 let method = "window/workDoneProgress/create".to_owned();
                 let _ = sender.send(Request { id: token.clone().into(), method, params }.into());
                 let value = json!({ "kind": "begin", "title": title, "cancellable": true });
-                tell("$/progress", json!({ "token": token, "value": value }));
+                tell("$/progress", json!({ "token": token, "value": value }), &sender);
             }
             let error = std::thread::spawn(move || all(err));
             let (out, error) = (all(out), error.join().unwrap_or_default());
@@ -265,14 +269,14 @@ impl Commands {
                 _ => format!("{out}{error}"),
             };
             if client.progress {
-                tell("$/progress", json!({ "token": token, "value": { "kind": "end" } }));
+                tell("$/progress", json!({ "token": token, "value": { "kind": "end" } }), &sender);
             }
             news.tell();
             let words = if is_cancelled { "stopped".to_owned() } else { words };
             let first = words.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
             if !shows {
-                tell("window/logMessage", json!({ "type": 3, "message": words }));
-                tell("window/showMessage", json!({ "type": 3, "message": first }));
+                tell("window/logMessage", json!({ "type": 3, "message": words }), &sender);
+                tell("window/showMessage", json!({ "type": 3, "message": first }), &sender);
             }
             if !is_cancelled {
                 let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
@@ -349,14 +353,16 @@ fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfF
         let other = if file == graph { None } else { read_text(&file).ok() };
         let text = other.as_deref().unwrap_or(text);
         let lines = Lines::new(text, client.columns);
-        let number = |name: &str| problem[name].as_u64().unwrap_or(1).max(1) as usize - 1;
-        let byte = |line: usize, column: usize| {
+        fn number(name: &str, problem: &Json) -> usize {
+            problem[name].as_u64().unwrap_or(1).max(1) as usize - 1
+        }
+        fn byte(line: usize, column: usize, text: &str) -> usize {
             let start = text.split_inclusive('\n').take(line).map(str::len).sum::<usize>();
             let line = text[start..].lines().next().unwrap_or_default();
             start + line.char_indices().nth(column).map_or(line.len(), |(at, _)| at)
-        };
-        let start = byte(number("line"), number("column"));
-        let end = byte(number("end_line"), number("end_column")).max(start);
+        }
+        let start = byte(number("line", problem), number("column", problem), text);
+        let end = byte(number("end_line", problem), number("end_column", problem), text).max(start);
         found.push((
             file,
             json!({
@@ -373,27 +379,31 @@ fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfF
 
 /// What a run came to: problems, files, time.
 fn in_words(document: &Json) -> String {
-    let list = |name: &str| document[name].as_array().cloned().unwrap_or_default();
+    fn list(name: &str, document: &Json) -> Vec<Json> {
+        document[name].as_array().cloned().unwrap_or_default()
+    }
     let mut words = String::new();
-    for problem in list("problems") {
-        let text = |name: &str| problem[name].as_str().unwrap_or_default().to_owned();
+    for problem in list("problems", document) {
+        fn text(name: &str, problem: &Json) -> String {
+            problem[name].as_str().unwrap_or_default().to_owned()
+        }
         words += &format!(
             "{}: {}:{}:{}: {}\n",
-            text("severity"),
-            text("file"),
+            text("severity", &problem),
+            text("file", &problem),
             problem["line"],
             problem["column"],
-            text("message")
+            text("message", &problem)
         );
     }
-    for output in list("outputs") {
+    for output in list("outputs", document) {
         let state = if output["changed"] == false { "unchanged" } else { "written" };
         words += &format!(
             "{}: {state}\n",
             output["path"].as_str().or(output["name"].as_str()).unwrap_or_default()
         );
     }
-    let nodes = list("nodes");
+    let nodes = list("nodes", document);
     let computed = nodes.iter().filter(|node| node["state"] == "computed").count();
     let seconds = document["seconds"].as_f64().unwrap_or(0.0);
     words + &format!("{computed} of {} nodes computed in {seconds:.2} s\n", nodes.len())

@@ -85,7 +85,9 @@ fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span>
         TypedKind::Text => {
             let (before, behind) = (&text[start..at], &text[at..end]);
             if matches!(slot, Slot::Expression) {
-                let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+                fn is_part(c: char) -> bool {
+                    c.is_ascii_alphanumeric() || c == '_' || c == '-'
+                }
                 let start = start + before.trim_end_matches(is_part).len();
                 let end = end - behind.trim_start_matches(is_part).len();
                 return Some(Span { start, end });
@@ -100,18 +102,18 @@ fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span>
 /// Leaves what may be meant by what has been typed, the likeliest first: what begins so, then what has it in it, then its letters in order.
 fn rank(list: &mut Vec<Proposal>, typed: &str) {
     let typed = typed.to_lowercase();
-    let distance = |it: &Proposal| {
+    fn distance(it: &Proposal, typed: &str) -> Option<i32> {
         let label = it.label.to_lowercase();
-        match label.find(&typed) {
+        match label.find(typed) {
             Some(0) => Some(0),
             Some(_) => Some(1),
-            None if has_letters(&label, &typed) => Some(2),
-            None => is_described_with(it, &typed).then_some(3),
+            None if has_letters(&label, typed) => Some(2),
+            None => is_described_with(it, typed).then_some(3),
         }
-    };
+    }
     // A name over several lines is a string without an end.
-    list.retain(|it| distance(it).is_some() && !it.label.contains(['\n', '\r']));
-    list.sort_by_cached_key(|proposal| (distance(proposal), proposal.rank));
+    list.retain(|it| distance(it, &typed).is_some() && !it.label.contains(['\n', '\r']));
+    list.sort_by_cached_key(|proposal| (distance(proposal, &typed), proposal.rank));
     let mut seen = BTreeSet::new();
     list.retain(|proposal| seen.insert((proposal.label.clone(), proposal.insert.clone())));
 }
@@ -121,8 +123,11 @@ fn is_described_with(it: &Proposal, typed: &str) -> bool {
     // So short a word is in most of them.
     const MIN_LETTERS: usize = 4;
     let is_meant = it.sort == Sort::Node && MIN_LETTERS <= typed.chars().count();
-    let is_word = |word: &str| word.to_lowercase().starts_with(typed);
-    is_meant && it.doc.split(|c: char| !c.is_alphanumeric()).any(is_word)
+    is_meant
+        && it
+            .doc
+            .split(|c: char| !c.is_alphanumeric())
+            .any(|word| word.to_lowercase().starts_with(typed))
 }
 
 struct Search<'a> {
@@ -171,13 +176,16 @@ impl Search<'_> {
                 "A graph over many scans and many values.",
             ),
         ];
-        let file = |(index, (label, insert, detail)): (usize, (&str, &str, &str))| Proposal {
-            detail: detail.to_owned(),
-            ..self.proposal(label, insert.to_owned(), Sort::Keyword, index)
-        };
         match is_text(self.cursor) || !self.behind().is_empty() {
             true => Vec::new(),
-            false => files.into_iter().enumerate().map(file).collect(),
+            false => files
+                .into_iter()
+                .enumerate()
+                .map(|(index, (label, insert, detail)): (usize, (&str, &str, &str))| Proposal {
+                    detail: detail.to_owned(),
+                    ..self.proposal(label, insert.to_owned(), Sort::Keyword, index)
+                })
+                .collect(),
         }
     }
 
@@ -186,10 +194,18 @@ impl Search<'_> {
             return Vec::new();
         }
         let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.given);
-        let is_given = |field: &FieldOf| {
-            given.iter().any(|name| name.text == field.name && name.span != self.cursor.typed.span)
-        };
-        let field = |(index, field): (usize, &FieldOf)| {
+        fn is_given(
+            field: &FieldOf,
+            given: &[maquette_syntax::Name],
+            cursor_typed_span: &Span,
+        ) -> bool {
+            given.iter().any(|name| name.text == field.name && name.span != *cursor_typed_span)
+        }
+        let left = fields
+            .iter()
+            .enumerate()
+            .filter(|(_, field)| !is_given(field, given, &self.cursor.typed.span));
+        left.map(|(index, field)| {
             let insert = match self.behind().starts_with(':') {
                 true => field.name.clone(),
                 false => format!("{}: {}", field.name, opening(&field.slot)),
@@ -200,17 +216,16 @@ impl Search<'_> {
                 doc: field.doc.clone(),
                 ..self.proposal(&field.name, insert, Sort::Field, rank)
             }
-        };
-        let left = fields.iter().enumerate().filter(|(_, field)| !is_given(field));
-        left.map(field).collect()
+        })
+        .collect()
     }
 
     /// Names with what is told of each.
     fn named(&self, keys: Keys) -> Vec<(String, String)> {
         let about = || self.library.about(self.scope);
-        let named = |all: &[Declared]| {
-            Vec::from_iter(all.iter().map(|it| (it.name.text.clone(), it.kind.clone())))
-        };
+        fn named(all: &[Declared]) -> Vec<(String, String)> {
+            all.iter().map(|it| (it.name.text.clone(), it.kind.clone())).collect::<Vec<_>>()
+        }
         match keys {
             Keys::Own => Vec::new(),
             Keys::Packs => {
@@ -234,8 +249,9 @@ impl Search<'_> {
                         continue;
                     };
                     let values = fields.iter().filter(|field| !matches!(field.slot, Slot::Link(_)));
-                    let name = |field: &FieldOf| format!("{}.{}", node.name.text, field.name);
-                    known.extend(values.map(|field| (name(field), field.takes.clone())));
+                    known.extend(values.map(|field| {
+                        (format!("{}.{}", node.name.text, field.name), field.takes.clone())
+                    }));
                 }
                 known
             }),
@@ -244,28 +260,33 @@ impl Search<'_> {
 
     fn keys(&self, keys: Keys) -> Vec<Proposal> {
         let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.given);
-        let key = |(index, (name, detail)): (usize, (String, String))| {
-            let quoted = self.quoted(&name);
-            let insert =
-                if self.behind().trim_start_matches('"').starts_with(':') || is_text(self.cursor) {
+        let left = self.named(keys).into_iter().filter(|(name, _)| {
+            !given.iter().any(|it| it.text == *name && it.span != self.cursor.typed.span)
+        });
+        left.enumerate()
+            .map(|(index, (name, detail)): (usize, (String, String))| {
+                let quoted = self.quoted(&name);
+                let insert = if self.behind().trim_start_matches('"').starts_with(':')
+                    || is_text(self.cursor)
+                {
                     quoted
                 } else {
                     format!("{quoted}: $0")
                 };
-            Proposal { detail, ..self.proposal(&name, insert, Sort::Field, index) }
-        };
-        let left = self.named(keys).into_iter().filter(|(name, _)| {
-            !given.iter().any(|it| it.text == *name && it.span != self.cursor.typed.span)
-        });
-        left.enumerate().map(key).collect()
+                Proposal { detail, ..self.proposal(&name, insert, Sort::Field, index) }
+            })
+            .collect()
     }
 
     fn names(&self, names: Keys) -> Vec<Proposal> {
-        let name = |(index, (name, detail)): (usize, (String, String))| Proposal {
-            detail,
-            ..self.proposal(&name, self.quoted(&name), Sort::Parameter, index)
-        };
-        self.named(names).into_iter().enumerate().map(name).collect()
+        self.named(names)
+            .into_iter()
+            .enumerate()
+            .map(|(index, (name, detail)): (usize, (String, String))| Proposal {
+                detail,
+                ..self.proposal(&name, self.quoted(&name), Sort::Parameter, index)
+            })
+            .collect()
     }
 
     fn values(&self, slot: &Slot) -> Vec<Proposal> {
@@ -350,10 +371,14 @@ impl Search<'_> {
     fn outputs(&self, node: &Declared) -> Vec<(String, Vec<String>)> {
         let of = |kind: &str| {
             let kind = self.library.kind(self.scope, kind)?;
-            let output = |(name, types): &(String, Vec<&str>)| {
-                (name.clone(), types.iter().map(|&kind| kind.to_owned()).collect())
-            };
-            Some(kind.outputs.iter().map(output).collect())
+            Some(
+                kind.outputs
+                    .iter()
+                    .map(|(name, types)| {
+                        (name.clone(), types.iter().map(|&kind| kind.to_owned()).collect())
+                    })
+                    .collect(),
+            )
         };
         let is_input = self.scope.inputs.iter().any(|input| std::ptr::eq(input, node));
         let found = match &node.kind[..] {
@@ -373,11 +398,19 @@ impl Search<'_> {
                 .map_or_else(Vec::new, |about| about.scope.outputs.clone()),
             _ => self.scope.outputs.clone(),
         };
-        let output = |(index, output): (usize, &Declared)| Proposal {
-            detail: format!("output: {}", output.kind),
-            ..self.proposal(&output.name.text, self.quoted(&output.name.text), Sort::Link, index)
-        };
-        let mut found = Vec::from_iter(scope_outputs.iter().enumerate().map(output));
+        let mut found: Vec<_> = scope_outputs
+            .iter()
+            .enumerate()
+            .map(|(index, output)| Proposal {
+                detail: format!("output: {}", output.kind),
+                ..self.proposal(
+                    &output.name.text,
+                    self.quoted(&output.name.text),
+                    Sort::Link,
+                    index,
+                )
+            })
+            .collect();
         found.extend(self.links(&[]));
         found
     }

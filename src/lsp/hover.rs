@@ -89,7 +89,9 @@ impl Hover<'_> {
             }
             (Slot::ParameterName, TypedKind::Text) => self.parameter(self.word),
             (Slot::Expression, TypedKind::Text) => {
-                let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+                fn is_part(c: char) -> bool {
+                    c.is_ascii_alphanumeric() || c == '-' || c == '_'
+                }
                 let start = self.word[..self.at].trim_end_matches(is_part).len();
                 let rest = &self.word[start..];
                 let name = &rest[..rest.find(|c| !is_part(c)).unwrap_or(rest.len())];
@@ -148,7 +150,7 @@ impl Hover<'_> {
         let gives = found.map_or_else(|| declared.kind.clone(), |(_, types)| types.join(" or "));
         let promised = kind.iter().flat_map(|kind| &kind.promises);
         let promised = promised.filter(|(name, _)| found.is_some_and(|(found, _)| found == name));
-        let promised = Vec::from_iter(promised.map(|(_, words)| &words[..])).join(", ");
+        let promised = promised.map(|(_, words)| &words[..]).collect::<Vec<_>>().join(", ");
         let promised =
             if promised.is_empty() { String::new() } else { format!("promised: {promised}") };
         let head = format!("**{link}**: `{gives}` of {}", declared.kind);
@@ -174,11 +176,13 @@ impl Hover<'_> {
     fn kind(&self, name: &str) -> Option<String> {
         let kind = self.library.kind(self.scope, name)?;
         let fields = fields_of(&kind.schema, &kind.schema);
-        let row = |field: &super::slot::FieldOf| {
-            let mark = if field.required { "" } else { "?" };
-            format!("    {}{mark}: {}\n", field.name, field.takes)
-        };
-        let rows = fields.iter().map(row).collect::<String>();
+        let rows = fields
+            .iter()
+            .map(|field| {
+                let mark = if field.required { "" } else { "?" };
+                format!("    {}{mark}: {}\n", field.name, field.takes)
+            })
+            .collect::<String>();
         let gives =
             kind.outputs.iter().map(|(name, types)| format!("{name}: {}", types.join(" or ")));
         let gives = Vec::from_iter(gives).join(", ");
@@ -213,5 +217,5 @@ fn first_paragraph(text: &str) -> String {
 
 fn paragraphs(parts: impl IntoIterator<Item = String>) -> String {
     let parts = parts.into_iter().filter(|part| !part.trim().is_empty());
-    Vec::from_iter(parts.map(|part| part.trim_end().to_owned())).join("\n\n")
+    parts.map(|part| part.trim_end().to_owned()).collect::<Vec<_>>().join("\n\n")
 }

@@ -72,8 +72,9 @@ fn rows(catalog: &Catalog) -> String {
     for entry in catalog.entries() {
         for carry in entry.carries() {
             let json = carry.to_json();
-            let word = |key: &str| json[key].as_str().unwrap_or("-").to_owned();
-            let fates = ["vertex", "corner", "edge", "face", "cell"].map(word).join(" | ");
+            let fates = ["vertex", "corner", "edge", "face", "cell"]
+                .map(|key| json[key].as_str().unwrap_or("-").to_owned())
+                .join(" | ");
             rows +=
                 &format!("| {} | `{}`, `{}` | {fates} |\n", entry.name, carry.port, carry.output);
         }
@@ -90,22 +91,31 @@ fn fidelity_table(catalog: &Catalog, kind: &str, is_read: bool) -> String {
         (kind.in_words(), Vec::from_iter(fates))
     });
     let longest = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-    let widths = Vec::from_iter(formats.iter().map(|(name, _)| name.len().max("changed".len())));
-    let line = |first: &str, cells: &mut dyn Iterator<Item = &str>| {
-        let cells = cells.zip(&widths).map(|(cell, width)| format!(" {cell:<width$} |"));
+    let widths: Vec<_> = formats.iter().map(|(name, _)| name.len().max("changed".len())).collect();
+    fn line(
+        first: &str,
+        cells: &mut dyn Iterator<Item = &str>,
+        widths: &[usize],
+        longest: usize,
+    ) -> String {
+        let cells = cells.zip(widths).map(|(cell, width)| format!(" {cell:<width$} |"));
         format!("| {first:<longest$} |{}\n", String::from_iter(cells))
-    };
-    let mut text = line("", &mut formats.iter().map(|(name, _)| &name[..]));
+    }
+    let mut text = line("", &mut formats.iter().map(|(name, _)| &name[..]), &widths, longest);
     let dashes = widths.iter().map(|width| format!("{}|", "-".repeat(width + 2)));
     text += &format!("|{}|{}\n", "-".repeat(longest + 2), String::from_iter(dashes));
     let mut notes = String::new();
     for (name, fates) in &rows {
-        let word = |fate: &Option<Fidelity>| match fate {
-            Some(Fidelity::Kept) => "kept",
-            Some(Fidelity::Changed(_)) => "changed",
-            None => "lost",
-        };
-        text += &line(name, &mut fates.iter().map(word));
+        text += &line(
+            name,
+            &mut fates.iter().map(|fate| match fate {
+                Some(Fidelity::Kept) => "kept",
+                Some(Fidelity::Changed(_)) => "changed",
+                None => "lost",
+            }),
+            &widths,
+            longest,
+        );
         for (fate, (format, _)) in fates.iter().zip(&formats) {
             if let Some(Fidelity::Changed(how)) = fate {
                 notes += &format!("- {name}, `{format}`: {how}\n");
@@ -133,6 +143,5 @@ pub fn topics_about(word: &str) -> Vec<&'static str> {
 /// All topics with their titles, one a line.
 pub fn contents() -> String {
     let longest = TOPICS.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
-    let line = |topic: &Topic| format!("  {:<longest$}  {}\n", topic.name, topic.title());
-    TOPICS.iter().map(line).collect()
+    TOPICS.iter().map(|topic| format!("  {:<longest$}  {}\n", topic.name, topic.title())).collect()
 }

@@ -37,7 +37,7 @@ impl Last {
         let name = link.split('.').next()?;
         let nodes = graph.nodes_of(name);
         let results =
-            Vec::from_iter(nodes.iter().filter_map(|&node| self.results.get(node)?.as_ref()));
+            nodes.iter().filter_map(|&node| self.results.get(node)?.as_ref()).collect::<Vec<_>>();
         let (node, output) = graph.target(link).or_else(|| nodes.first().map(|&node| (node, 0)))?;
         let found = self.results.get(node)?.as_ref()?;
         Some(Told {

@@ -282,7 +282,9 @@ impl<'a> Library<'a> {
     }
 
     pub(super) fn declaration_fields(&self, kind: &str) -> Rc<Vec<FieldOf>> {
-        let number = || Rc::new(json!({ "type": "number" }));
+        fn number() -> Rc<Json> {
+            Rc::new(json!({ "type": "number" }))
+        }
         Self::fields(kind, |field| match (kind, field) {
             (_, "doc") => (Slot::Any, "a text"),
             (_, "of") => (Slot::Any, "words: [Left, Right]"),
@@ -310,18 +312,18 @@ impl<'a> Library<'a> {
     /// The fields of a `ForEach` whose nodes are of this type.
     pub(super) fn each_fields(&self, kind: Option<Rc<NodeKind>>) -> Rc<Vec<FieldOf>> {
         let own = kind.map_or_else(Rc::default, |kind| fields_of(&kind.schema, &kind.schema));
-        let named = |is_wanted: fn(&FieldOf) -> bool| {
+        fn named(is_wanted: fn(&FieldOf) -> bool, own: &Rc<Vec<FieldOf>>) -> Slot {
             let fields = own.iter().filter(|field| is_wanted(field));
             words_of(fields.map(|field| (&field.name[..], &field.doc[..])))
-        };
+        }
         Self::fields("ForEach", |field| match field {
             "graph" => (Slot::NodeType, "the name of a node type"),
             "over" => (Slot::Over(own.clone()), "a list `[(rank: 1), ..]`, a link, or a number"),
             "with" | "carry" | "links" => {
                 (Slot::Group(own.clone()), "fields: `(field: value, ..)`")
             }
-            "each" => (named(is_port), "the name of an input"),
-            "number" => (named(|field| !is_port(field)), "the name of a parameter"),
+            "each" => (named(is_port, &own), "the name of an input"),
+            "number" => (named(|field| !is_port(field), &own), "the name of a parameter"),
             _ => (Slot::Any, "a number of elements"),
         })
     }
@@ -353,8 +355,12 @@ fn is_port(field: &FieldOf) -> bool {
 }
 
 fn words_of<'w>(words: impl IntoIterator<Item = (&'w str, &'w str)>) -> Slot {
-    let owned = |(word, doc): (&str, &str)| (word.to_owned(), doc.to_owned());
-    Slot::Words(Rc::new(words.into_iter().map(owned).collect()))
+    Slot::Words(Rc::new(
+        words
+            .into_iter()
+            .map(|(word, doc): (&str, &str)| (word.to_owned(), doc.to_owned()))
+            .collect(),
+    ))
 }
 
 fn units() -> Slot {

@@ -6,7 +6,7 @@ use maquette_syntax::error::{Problem, Span, code};
 use super::completion::{Sort, proposals};
 use super::library::Library;
 use super::scope::Scope;
-use super::slot::{FieldOf, Inside, Slot, Slots};
+use super::slot::{Inside, Slot, Slots};
 
 /// So many values are offered for a field,
 const MOST: usize = 5;
@@ -32,14 +32,15 @@ pub(super) fn additions(
     let given = &frames.last()?.given;
     let (inside, _) = Slots { library, scope: &scope }.at(&frames);
     let Inside::Fields(_, fields) = inside else { return None };
-    let is_missing = |field: &&FieldOf| {
+    let field = fields.iter().find(|field| {
         let is_named = problem.message.contains(&format!("`{}`", field.name));
         field.required && is_named && given.iter().all(|name| name.text != field.name)
-    };
-    let field = fields.iter().find(is_missing)?;
+    })?;
     let is_first = text[open..].trim_start().starts_with(')');
     let end = if is_first { "" } else { ", " };
-    let whole = |value: &str| format!("{}: {value}{end}", field.name);
+    fn whole(value: &str, end: &str, name: &str) -> String {
+        format!("{name}: {value}{end}")
+    }
     let (before, behind) = match &field.slot {
         Slot::Link(_) => ("\"", "\""),
         Slot::List(item) if matches!(**item, Slot::Link(_)) => ("[\"", "\"]"),
@@ -49,13 +50,20 @@ pub(super) fn additions(
     let start = format!("{}{}: {before}", &text[..open], field.name);
     let with_field = format!("{start}{behind}{end}{}", &text[open..]);
     let found = proposals(library, &with_field, start.len()).list.into_iter();
-    let is_value = |sort| matches!(sort, Sort::Link | Sort::Choice | Sort::Value | Sort::File);
+    fn is_value(sort: Sort) -> bool {
+        matches!(sort, Sort::Link | Sort::Choice | Sort::Value | Sort::File)
+    }
     let found = found.filter(|it| is_value(it.sort) && !it.insert.contains("$0)"));
-    let texts = found.map(|it| whole(&format!("{before}{}{behind}", it.insert.replace("$0", ""))));
-    let is_right = |new: &String| is_right(&format!("{}{new}{}", &text[..open], &text[open..]));
-    let mut texts = Vec::from_iter(texts.take(MOST_TRIED).filter(is_right).take(MOST));
+    let texts = found.map(|it| {
+        whole(&format!("{before}{}{behind}", it.insert.replace("$0", "")), end, &field.name)
+    });
+    let mut texts: Vec<_> = texts
+        .take(MOST_TRIED)
+        .filter(|new| is_right(&format!("{}{new}{}", &text[..open], &text[open..])))
+        .take(MOST)
+        .collect();
     if texts.is_empty() && !before.is_empty() {
-        texts.push(whole(&format!("{before}{behind}")));
+        texts.push(whole(&format!("{before}{behind}"), end, &field.name));
     }
     (!texts.is_empty()).then_some((Span { start: open, end: open }, texts))
 }

@@ -30,7 +30,9 @@ pub(super) struct Section {
 pub(super) fn sections(text: &str) -> Vec<Section> {
     let scope = Scope::of(text);
     let ends = ends(text);
-    let end_of = |start: usize| ends.iter().find(|(open, _)| *open == start).map(|(_, end)| *end);
+    fn end_of(start: usize, ends: &[(usize, usize)]) -> Option<usize> {
+        ends.iter().find(|(open, _)| *open == start).map(|(_, end)| *end)
+    }
     let mut found: Vec<Section> = Vec::new();
     let mut starts = Vec::new();
     each_word(text, |frames, passed| match (frames, passed) {
@@ -50,7 +52,7 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
     });
     for (start, count) in starts {
         if let Some(section) = count.checked_sub(1).and_then(|index| found.get_mut(index)) {
-            section.span.end = end_of(start).unwrap_or(section.span.end);
+            section.span.end = end_of(start, &ends).unwrap_or(section.span.end);
         }
     }
     for section in &mut found {
@@ -63,7 +65,8 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
             _ => continue,
         };
         let entry = |it: &Declared| {
-            let behind = text[it.at.end..].starts_with('(').then(|| end_of(it.at.end)).flatten();
+            let behind =
+                text[it.at.end..].starts_with('(').then(|| end_of(it.at.end, &ends)).flatten();
             let end = behind.unwrap_or(it.at.end).max(it.name.span.end);
             let quotes = Span { start: it.name.span.start.saturating_sub(1), end };
             Symbol {
@@ -96,8 +99,10 @@ pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
 
 /// What can be folded: brackets, and comments of several lines.
 pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
-    let is_long = |start: usize, end: usize| text[start..end].contains('\n');
-    let brackets = ends(text).into_iter().filter(|&(start, end)| is_long(start, end));
+    fn is_long(start: usize, end: usize, text: &str) -> bool {
+        text[start..end].contains('\n')
+    }
+    let brackets = ends(text).into_iter().filter(|&(start, end)| is_long(start, end, text));
     let brackets = brackets.map(|(start, end)| Span { start, end }).collect();
     let mut comments: Vec<Span> = Vec::new();
     let mut is_open = false;
@@ -116,7 +121,7 @@ pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
             _ => is_open = false,
         }
     }
-    comments.retain(|span| is_long(span.start, span.end));
+    comments.retain(|span| is_long(span.start, span.end, text));
     (brackets, comments)
 }
 

@@ -31,8 +31,10 @@ pub(super) fn uri(params: &Json) -> Result<Uri, Refused> {
 }
 
 pub(super) fn position(json: &Json) -> Result<Position, Refused> {
-    let number = |name: &str| number(&json[name]).ok_or_else(|| missing(name));
-    Ok(Position { line: number("line")?, character: number("character")? })
+    fn need(name: &str, json: &Json) -> Result<u32, Refused> {
+        number(&json[name]).ok_or_else(|| missing(name))
+    }
+    Ok(Position { line: need("line", json)?, character: need("character", json)? })
 }
 
 pub(super) fn range(json: &Json) -> Result<Range, Refused> {
@@ -51,7 +53,9 @@ mod tests {
 
     #[test]
     fn numbers_are_read_as_they_are_meant() {
-        let read = |json: Json| position(&json).ok().map(|it| (it.line, it.character));
+        fn read(json: Json) -> Option<(u32, u32)> {
+            position(&json).ok().map(|it| (it.line, it.character))
+        }
         assert_eq!(read(json!({ "line": 3.0, "character": 4 })), Some((3, 4)));
         assert_eq!(read(json!({ "line": -1, "character": 1e300 })), Some((0, u32::MAX)));
         assert_eq!(read(json!({ "line": "3", "character": 4 })), None);

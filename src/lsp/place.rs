@@ -137,19 +137,21 @@ impl<'t> Lines<'t> {
         }
         let same = self.text.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
         // Nobody can point between the two letters of a line's end.
-        let is_place = |text: &str, at: usize| {
+        fn is_place(text: &str, at: usize) -> bool {
             text.is_char_boundary(at)
                 && !(text[..at].ends_with('\r') && text[at..].starts_with('\n'))
-        };
+        }
         let start = (0..=same).rfind(|&at| is_place(self.text, at) && is_place(new, at));
         let start = start.unwrap_or(0);
         let (old_rest, new_rest) = (&self.text[start..], &new[start..]);
         let same =
             old_rest.bytes().rev().zip(new_rest.bytes().rev()).take_while(|(a, b)| a == b).count();
-        let is_whole = |&at: &usize| {
-            is_place(old_rest, old_rest.len() - at) && is_place(new_rest, new_rest.len() - at)
-        };
-        let same = (0..=same).rev().find(is_whole).unwrap_or(0);
+        let same = (0..=same)
+            .rev()
+            .find(|&at| {
+                is_place(old_rest, old_rest.len() - at) && is_place(new_rest, new_rest.len() - at)
+            })
+            .unwrap_or(0);
         let range = self.range(Span { start, end: self.text.len() - same });
         Some(TextEdit { range, new_text: new_rest[..new_rest.len() - same].to_owned() })
     }

@@ -32,7 +32,7 @@ pub fn has_ended(id: u32) -> bool {
 fn start_of(id: u32) -> Option<String> {
     let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
     // The name of the program, in parentheses, may have any sign in it.
-    let fields = Vec::from_iter(stat.rsplit_once(')')?.1.split_whitespace());
+    let fields: Vec<_> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let has_ended = matches!(fields.first(), Some(&("Z" | "X" | "x")));
     if has_ended { None } else { fields.get(19).map(|start| (*start).to_owned()) }
 }

@@ -74,8 +74,12 @@ impl Project {
         options: &Options,
     ) -> Vec<Named> {
         let names = self.names(path, catalog, options);
-        let is_there = |named: &&Named| named.span.start <= at && at <= named.span.end;
-        names.all.iter().filter(is_there).cloned().collect()
+        names
+            .all
+            .iter()
+            .filter(|named| named.span.start <= at && at <= named.span.end)
+            .cloned()
+            .collect()
     }
 
     /// Where something is declared: in the file of a graph, of a type of nodes the graph itself.
@@ -104,8 +108,10 @@ impl Project {
         let (mut found, field) = (Vec::new(), field_of(&symbol.name));
         for file in files_of(&symbol.file, options) {
             // Most files do not have the word at all.
-            let is_in = |text: String| text.contains(&symbol.name) || text.contains(&field);
-            if !options.text(&file).is_ok_and(is_in) {
+            if !options
+                .text(&file)
+                .is_ok_and(|text: String| text.contains(&symbol.name) || text.contains(&field))
+            {
                 continue;
             }
             let names = self.names(&file, catalog, options);
@@ -231,46 +237,48 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
 
 /// The places that name a node in the file beside its graph which says where an editor shows it. Pins would be of another node.
 fn beside(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
-    let keys = |path: &Path| {
+    fn keys(path: &Path, options: &Options, symbol_name: &str) -> Vec<Span> {
         let mut found = Vec::new();
         let text = options.text(path).unwrap_or_default();
         each_word(&text, |_, passed| {
             if let Passed::Name(name) = passed
-                && name.text == symbol.name
+                && name.text == *symbol_name
                 && text[..name.span.start].ends_with('"')
             {
                 found.push(name.span);
             }
         });
         found
-    };
+    }
     let pins = symbol.file.with_extension("pins.ron");
-    if !keys(&pins).is_empty() {
+    if !keys(&pins, options, &symbol.name).is_empty() {
         let (name, pins) = (&symbol.name, pins.display());
         return Err(format!(
             "`{name}` is pinned in {pins}: unpin it first, for a pin is of a name"
         ));
     }
     let layout = symbol.file.with_extension("layout.ron");
-    let found = keys(&layout);
+    let found = keys(&layout, options, &symbol.name);
     Ok((layout, found))
 }
 
 /// Refuses texts that have errors which the old ones do not have.
 fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Result<(), String> {
-    let errors = |options: &Options, path: &Path| {
+    fn errors(options: &Options, path: &Path, catalog: &Catalog) -> Vec<Problem> {
         let text = options.text(path).unwrap_or_default();
         let (problems, _) = FileKind::of(path, &text).problems(path, text, catalog, options);
         let errors = problems.into_iter().filter(|problem| problem.severity == Severity::Error);
         Vec::from_iter(errors)
-    };
+    }
     let mut new = options.clone();
     new.texts.extend(texts.iter().map(|(path, text)| (path.clone(), text.clone())));
     for path in texts.keys().filter(|path| !path.to_string_lossy().ends_with(".layout.ron")) {
-        let after = errors(&new, path);
+        let after = errors(&new, path, catalog);
         // What was wrong before need not be known where nothing is wrong.
-        let before = if after.is_empty() { Vec::new() } else { errors(options, path) };
-        let count = |all: &[Problem], code: &str| all.iter().filter(|it| it.code == code).count();
+        let before = if after.is_empty() { Vec::new() } else { errors(options, path, catalog) };
+        fn count(all: &[Problem], code: &str) -> usize {
+            all.iter().filter(|it| it.code == code).count()
+        }
         let worse = after.iter().find(|it| count(&before, it.code) < count(&after, it.code));
         if let Some(problem) = worse {
             return Err(format!("{}: {}", problem.source.name.display(), problem.message));
@@ -292,7 +300,7 @@ pub(super) fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
 
 fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
-    let mut entries = Vec::from_iter(entries.flatten());
+    let mut entries: Vec<_> = entries.flatten().collect();
     entries.sort_by_key(std::fs::DirEntry::file_name);
     for entry in entries {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());

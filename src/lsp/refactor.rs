@@ -46,16 +46,18 @@ impl Server {
         nodes: &[&Symbol],
         uses: &[&Symbol],
     ) -> Vec<Refactor> {
-        let uri = || subject.uri.clone();
+        fn uri(subject_uri: &Uri) -> Uri {
+            subject_uri.clone()
+        }
         let mut found = Vec::new();
         if self.client.creates_files && !nodes.is_empty() {
             let nodes = nodes.iter().map(|node| node.name.clone()).collect();
-            found.push(Refactor::Extract { uri: uri(), nodes });
+            found.push(Refactor::Extract { uri: uri(&subject.uri), nodes });
         }
         if let [node] = nodes
             && uses.iter().any(|it| it.name == node.kind)
         {
-            found.push(Refactor::Inline { uri: uri(), node: node.name.clone() });
+            found.push(Refactor::Inline { uri: uri(&subject.uri), node: node.name.clone() });
         }
         found
     }
@@ -80,8 +82,9 @@ impl Server {
         let uri = uri.clone();
         let edits = self.of(&uri, |server, subject| {
             let texts = server.refactored(subject, refactor);
-            let why = |problems: Vec<Problem>| Refused::Failed(in_words(&problems));
-            texts.map(|texts| server.edits(&texts)).map_err(why)
+            texts
+                .map(|texts| server.edits(&texts))
+                .map_err(|problems: Vec<Problem>| Refused::Failed(in_words(&problems)))
         })?;
         action["edit"] = edits;
         Ok(action)
@@ -106,9 +109,12 @@ impl Server {
 }
 
 fn in_words(problems: &[Problem]) -> String {
-    let words = |problem: &Problem| match problem.help.is_empty() {
-        true => problem.message.clone(),
-        false => format!("{}: {}", problem.message, problem.help),
-    };
-    Vec::from_iter(problems.iter().map(words)).join("; ")
+    problems
+        .iter()
+        .map(|problem| match problem.help.is_empty() {
+            true => problem.message.clone(),
+            false => format!("{}: {}", problem.message, problem.help),
+        })
+        .collect::<Vec<_>>()
+        .join("; ")
 }

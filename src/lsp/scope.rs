@@ -108,10 +108,12 @@ mod tests {
             inputs: { "scan": Optional(RangeImage(doc: "x")) },
             params: { "growth": Number(default: 1.0, unit: "mm", "#,
         );
-        let told = |all: &[Declared]| {
-            let one = |it: &Declared| format!("{}={}/{}", it.name.text, it.kind, it.of);
-            Vec::from_iter(all.iter().map(one)).join(" ")
-        };
+        fn told(all: &[Declared]) -> String {
+            all.iter()
+                .map(|it| format!("{}={}/{}", it.name.text, it.kind, it.of))
+                .collect::<Vec<_>>()
+                .join(" ")
+        }
         assert_eq!(scope.file, "Graph");
         assert_eq!(told(&scope.uses), "Nose=lib/nose.ron/ Ear=lib/ear.ron/");
         assert_eq!(told(&scope.inputs), "scan=RangeImage/");

@@ -49,15 +49,19 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
 /// change with it.
 pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
     // All else is moved by formatting, never changed.
-    let is_kept = |c: char| !c.is_whitespace() && c != ',';
+    fn is_kept(c: char) -> bool {
+        !c.is_whitespace() && c != ','
+    }
     let start = old[..span.start].rfind(['\n', '\r']).map_or(0, |at| at + 1);
     let end = match old[start..span.end].ends_with(['\n', '\r']) {
         true => span.end,
         false => line_end(old, span.end),
     };
-    let count = |text: &str| text.chars().filter(|c| is_kept(*c)).count();
+    fn count(text: &str) -> usize {
+        text.chars().filter(|c| is_kept(*c)).count()
+    }
     let (before, within) = (count(&old[..start]), count(&old[start..end]));
-    let line_behind = |kept: usize| {
+    fn line_behind(kept: usize, new: &str) -> Option<usize> {
         if kept == 0 {
             return Some(0);
         }
@@ -65,8 +69,8 @@ pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span,
         let at = at + c.len_utf8();
         let end = line_end(new, at);
         new[at..end].chars().all(|c| !is_kept(c)).then_some(end)
-    };
-    let (new_start, new_end) = (line_behind(before)?, line_behind(before + within)?);
+    }
+    let (new_start, new_end) = (line_behind(before, new)?, line_behind(before + within, new)?);
     Some((Span { start, end }, new.get(new_start..new_end)?.to_owned()))
 }
 
@@ -93,8 +97,10 @@ mod tests {
             let mut part = selection(&lines, at);
             let (mut depth, mut inner) = (0, (at, at));
             while part.is_object() {
-                let byte = |name: &str| part["range"][name]["character"].as_u64().unwrap() as usize;
-                let (start, end) = (byte("start"), byte("end"));
+                fn byte(name: &str, part: &Json) -> usize {
+                    part["range"][name]["character"].as_u64().unwrap() as usize
+                }
+                let (start, end) = (byte("start", &part), byte("end", &part));
                 assert!(start <= inner.0 && inner.1 <= end && start <= end, "{at}: {start} {end}");
                 (depth, inner) = (depth + 1, (start, end));
                 part = part["parent"].clone();
@@ -108,15 +114,17 @@ mod tests {
     fn formatted_lines_are_those_of_the_whole_text() {
         let old = "G(\n a:1,\n  b: 2, // x\n c:3\n)\n";
         let new = "G(\n    a: 1,\n    b: 2, // x\n    c: 3,\n)\n";
-        let at = |mark: &str| old.find(mark).unwrap();
-        let change = |from: &str, to: &str| {
-            let span = Span { start: at(from), end: at(to) };
+        fn at(mark: &str, old: &str) -> usize {
+            old.find(mark).unwrap()
+        }
+        fn change(from: &str, to: &str, old: &str, new: &str) -> String {
+            let span = Span { start: at(from, old), end: at(to, old) };
             let (span, with) = formatted_lines(old, new, span).unwrap();
             [&old[..span.start], &with, &old[span.end..]].concat()
-        };
-        assert_eq!(change("a", "a"), "G(\n    a: 1,\n  b: 2, // x\n c:3\n)\n");
-        assert_eq!(change("b", "c"), "G(\n a:1,\n    b: 2, // x\n    c: 3,\n)\n");
-        assert_eq!(change("G", ")"), new);
+        }
+        assert_eq!(change("a", "a", old, new), "G(\n    a: 1,\n  b: 2, // x\n c:3\n)\n");
+        assert_eq!(change("b", "c", old, new), "G(\n a:1,\n    b: 2, // x\n    c: 3,\n)\n");
+        assert_eq!(change("G", ")", old, new), new);
         // The brackets go into one line with others.
         assert_eq!(formatted_lines("G(\na: 1)", "G(a: 1)", Span { start: 4, end: 4 }), None);
     }

@@ -203,7 +203,7 @@ fn folders(params: &Json) -> Vec<PathBuf> {
     let several = params["workspaceFolders"].as_array();
     let uris = several.into_iter().flatten().map(|folder| &folder["uri"]);
     let uris = uris.chain([&params["rootUri"]]).filter_map(Json::as_str);
-    let mut folders = Vec::from_iter(uris.filter_map(|uri| path_of(&uri.into())));
+    let mut folders: Vec<_> = uris.filter_map(|uri| path_of(&uri.into())).collect();
     if let (true, Some(root)) = (folders.is_empty(), params["rootPath"].as_str()) {
         folders.push(root.into());
     }

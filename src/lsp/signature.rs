@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 
 use super::library::Library;
 use super::scope::Scope;
-use super::slot::{FieldOf, Inside, Slots};
+use super::slot::{Inside, Slots};
 
 /// The call around a place and the field that is written there; `null` if there is none.
 pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
@@ -18,17 +18,18 @@ pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
     if cursor.typed.kind == TypedKind::Comment || fields.is_empty() {
         return Json::Null;
     }
-    let label = |field: &FieldOf| match field.takes.is_empty() {
-        true => field.name.clone(),
-        false => format!("{}: {}", field.name, field.takes),
-    };
-    let labels = Vec::from_iter(fields.iter().map(label));
-    let parameters = Vec::from_iter(
-        fields
-            .iter()
-            .zip(&labels)
-            .map(|(field, label)| json!({ "label": label, "documentation": field.doc })),
-    );
+    let labels: Vec<_> = fields
+        .iter()
+        .map(|field| match field.takes.is_empty() {
+            true => field.name.clone(),
+            false => format!("{}: {}", field.name, field.takes),
+        })
+        .collect();
+    let parameters: Vec<_> = fields
+        .iter()
+        .zip(&labels)
+        .map(|(field, label)| json!({ "label": label, "documentation": field.doc }))
+        .collect();
     let mut signature =
         json!({ "label": format!("{owner}({})", labels.join(", ")), "parameters": parameters });
     // A field that is not known is none of them.

@@ -100,22 +100,25 @@ pub(super) fn fields_of(schema: &Json, root: &Rc<Json>) -> Rc<Vec<FieldOf>> {
     let required = schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str);
     let required = Vec::from_iter(required);
     let properties = schema["properties"].as_object().into_iter().flatten();
-    let field = |(name, field): (&String, &Json)| FieldOf {
-        name: name.clone(),
-        slot: slot_of(field, root),
-        required: required.contains(&&name[..]),
-        takes: takes(field, root),
-        doc: field["description"].as_str().unwrap_or_default().to_owned(),
-    };
-    Rc::new(properties.map(field).collect())
+    Rc::new(
+        properties
+            .map(|(name, field): (&String, &Json)| FieldOf {
+                name: name.clone(),
+                slot: slot_of(field, root),
+                required: required.contains(&&name[..]),
+                takes: takes(field, root),
+                doc: field["description"].as_str().unwrap_or_default().to_owned(),
+            })
+            .collect(),
+    )
 }
 
 /// What a field takes and its default, on a line.
 pub(super) fn takes(field: &Json, root: &Json) -> String {
-    let types = |port: &Json| {
+    fn types(port: &Json) -> String {
         let types = port["types"].as_array().into_iter().flatten().filter_map(Json::as_str);
         Vec::from_iter(types).join(" or ")
-    };
+    }
     match (field.get("port"), field["items"].get("port")) {
         (Some(_), _) => types(field),
         (None, Some(_)) => format!("[{}, ..]", types(&field["items"])),
@@ -126,10 +129,10 @@ pub(super) fn takes(field: &Json, root: &Json) -> String {
 /// What may stand where a schema describes the value.
 pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> Slot {
     let schema = inside(schema, root);
-    let strings = |list: &Json| {
+    fn strings(list: &Json) -> Vec<String> {
         let strings = list.as_array().into_iter().flatten().filter_map(Json::as_str);
-        Vec::from_iter(strings.map(str::to_owned))
-    };
+        strings.map(str::to_owned).collect::<Vec<_>>()
+    }
     if schema["format"] == "expected" {
         return Slot::Expected;
     }
@@ -177,7 +180,9 @@ impl Slots<'_> {
     /// What a bracket holds that opens the value of a slot, and the slot of the value that is due in it.
     fn inside(&self, slot: &Slot, frame: &Frame, around: &[Frame]) -> (Inside, Slot) {
         let name = frame.name.as_ref().map_or("", |name| &name.text[..]);
-        let items = |slot: Slot| (Inside::Items, slot);
+        fn items(slot: Slot) -> (Inside, Slot) {
+            (Inside::Items, slot)
+        }
         let fields = |owner: &str, fields: Rc<Vec<FieldOf>>| {
             let named = frame.field.as_ref();
             let found = named.and_then(|name| fields.iter().find(|it| it.name == name.text));
@@ -228,7 +233,9 @@ impl Slots<'_> {
         frame: &Frame,
         fields: impl Fn(&str, Rc<Vec<FieldOf>>) -> (Inside, Slot),
     ) -> (Inside, Slot) {
-        let items = |schema: &Json| (Inside::Items, slot_of(schema, root));
+        fn items(schema: &Json, root: &Rc<Json>) -> (Inside, Slot) {
+            (Inside::Items, slot_of(schema, root))
+        }
         let name = frame.name.as_ref().map_or("", |name| &name.text[..]);
         let content = variants(schema).into_iter().find(|(choice, _)| *choice == name);
         let (schema, is_choice) = match content {
@@ -247,10 +254,10 @@ impl Slots<'_> {
         }
         let fixed = schema.get("prefixItems").and_then(|all| all.get(frame.index));
         match (fixed, schema.get("items")) {
-            (Some(item), _) => items(item),
+            (Some(item), _) => items(item, root),
             // In the parentheses of a choice stands its value, which may be a list.
-            (None, _) if is_choice => items(&schema),
-            (None, Some(item)) => items(item),
+            (None, _) if is_choice => items(&schema, root),
+            (None, Some(item)) => items(item, root),
             (None, None) => (Inside::Unknown, Slot::Any),
         }
     }
@@ -304,12 +311,17 @@ impl Slots<'_> {
 
 /// The sides of a `Draft(..)` in the place of such a value.
 fn draft_fields(slot: &Slot) -> Vec<FieldOf> {
-    let side = |name: &str, doc: &str| FieldOf {
-        name: name.into(),
-        slot: slot.clone(),
-        required: true,
-        takes: String::new(),
-        doc: doc.into(),
-    };
-    vec![side("final", "The value of final results."), side("draft", "The value of drafts.")]
+    fn side(name: &str, doc: &str, slot: &Slot) -> FieldOf {
+        FieldOf {
+            name: name.into(),
+            slot: slot.clone(),
+            required: true,
+            takes: String::new(),
+            doc: doc.into(),
+        }
+    }
+    vec![
+        side("final", "The value of final results.", slot),
+        side("draft", "The value of drafts.", slot),
+    ]
 }

@@ -29,16 +29,19 @@ fn kind_of(section: &Section) -> u8 {
 pub(super) fn symbols(lines: &Lines<'_>) -> Json {
     let symbol = |section: &Section| {
         let kind = kind_of(section);
-        let entry = |entry: &outline::Symbol| {
-            json!({
-                "name": if entry.name.is_empty() { "\"\"" } else { &entry.name },
-                "detail": entry.kind,
-                "kind": kind,
-                "range": lines.range(entry.span),
-                "selectionRange": lines.range(entry.at),
+        let children = section
+            .entries
+            .iter()
+            .map(|entry| {
+                json!({
+                    "name": if entry.name.is_empty() { "\"\"" } else { &entry.name },
+                    "detail": entry.kind,
+                    "kind": kind,
+                    "range": lines.range(entry.span),
+                    "selectionRange": lines.range(entry.at),
+                })
             })
-        };
-        let children = section.entries.iter().map(entry).collect::<Json>();
+            .collect::<Json>();
         json!({
             "name": section.name,
             "kind": if section.entries.is_empty() { 8 } else { 3 },

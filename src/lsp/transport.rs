@@ -188,7 +188,9 @@ fn message_of(body: &[u8], log: &Log) -> Result<Option<Message>, Box<Response>> 
         .or_else(|error| serde_json::from_str(&without_lone_surrogates(text)).map_err(|_| error));
     let json = parsed
         .map_err(|error| refusal(Json::Null, ErrorCode::ParseError, format!("no JSON: {error}")))?;
-    let invalid = |id, why: &str| Err(refusal(id, ErrorCode::InvalidRequest, why.into()));
+    fn invalid(id: Json, why: &str) -> Result<Option<Message>, Box<Response>> {
+        Err(refusal(id, ErrorCode::InvalidRequest, why.into()))
+    }
     let Json::Object(mut fields) = json else {
         return invalid(Json::Null, "expected one message, an object");
     };
@@ -223,10 +225,10 @@ fn answer(id: Option<Json>, fields: &mut Map<String, Json>) -> Option<Message> {
 fn without_lone_surrogates(json: &str) -> String {
     let mut new = String::with_capacity(json.len());
     let mut rest = json;
-    let unit = |text: &str| {
+    fn unit(text: &str) -> Option<u16> {
         let digits = text.strip_prefix("\\u")?.get(..4)?;
         u16::from_str_radix(digits, 16).ok()
-    };
+    }
     while let Some(at) = rest.find('\\') {
         new += &rest[..at];
         rest = &rest[at..];
@@ -291,8 +293,10 @@ mod tests {
     /// What is read of some bytes: bodies, and `!` for each error.
     fn read(input: &str) -> Vec<String> {
         let mut frames = Frames { input: input.as_bytes(), is_lost: false };
-        let next = || frames.next().unwrap().map(|it| it.unwrap_or_else(|_| b"!".to_vec()));
-        let bodies = std::iter::from_fn(next).map(|body| String::from_utf8(body).unwrap());
+        let bodies = std::iter::from_fn(|| {
+            frames.next().unwrap().map(|it| it.unwrap_or_else(|_| b"!".to_vec()))
+        })
+        .map(|body| String::from_utf8(body).unwrap());
         bodies.collect()
     }
 
@@ -343,10 +347,12 @@ mod tests {
 
     #[test]
     fn what_is_no_message_is_refused_with_its_id() {
-        let code = |body: &str| match message_of(body.as_bytes(), &Log(None)) {
-            Err(answer) => (answer.id, answer.response_result.unwrap_err().code),
-            other => panic!("{body}: {other:?}"),
-        };
+        fn code(body: &str) -> (RequestId, i32) {
+            match message_of(body.as_bytes(), &Log(None)) {
+                Err(answer) => (answer.id, answer.response_result.unwrap_err().code),
+                other => panic!("{body}: {other:?}"),
+            }
+        }
         let null = id_of(&Json::Null);
         assert_eq!(code("{abc}"), (null.clone(), -32700));
         assert_eq!(code(""), (null.clone(), -32700));

@@ -137,11 +137,12 @@ impl Context<'_> {
         let beside = |name: &str| file.companion(name);
         let reading = Reading::new(file.name(), file.bytes(), &beside).with_color_range(range);
         // Where nothing reads such files, the error names the ending.
-        let named = |error: Error| match error.downcast::<NoReader>() {
-            Some(_) => error,
-            None => error.in_file(file.name()),
-        };
-        let value = self.readers.read(value_type::<T>(), &reading).map_err(named)?;
+        let value = self.readers.read(value_type::<T>(), &reading).map_err(|error: Error| {
+            match error.downcast::<NoReader>() {
+                Some(_) => error,
+                None => error.in_file(file.name()),
+            }
+        })?;
         reading.doubts().into_iter().for_each(|doubt| self.warn(doubt));
         match value.get::<T>() {
             Some(value) => Ok(value.clone()),

@@ -121,7 +121,7 @@ fn in_words(number: f64) -> String {
     }
     let digits = format!("{:.0}", (number / unit).round() * unit);
     let groups = digits.as_bytes().rchunks(3).rev();
-    let groups = Vec::from_iter(groups.map(|group| String::from_utf8_lossy(group)));
+    let groups: Vec<_> = groups.map(|group| String::from_utf8_lossy(group)).collect();
     groups.join(" ")
 }
 

@@ -173,7 +173,7 @@ impl<T: PortType> JsonSchema for In<T> {
     }
 
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        let types = Vec::from_iter(T::types().iter().map(|kind| kind.name));
+        let types: Vec<_> = T::types().iter().map(|kind| kind.name).collect();
         json_schema!({ "port": T::NAME, "types": types })
     }
 }

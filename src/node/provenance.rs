@@ -160,11 +160,13 @@ mod tests {
 
     #[test]
     fn what_changed_is_named() {
-        let told = |growth: f64, made: &str| Provenance {
-            parameters: Sorted::from_iter([("growth".to_owned(), json!(growth))]),
-            made: made.to_owned(),
-            ..Provenance::default()
-        };
+        fn told(growth: f64, made: &str) -> Provenance {
+            Provenance {
+                parameters: Sorted::from_iter([("growth".to_owned(), json!(growth))]),
+                made: made.to_owned(),
+                ..Provenance::default()
+            }
+        }
         assert_eq!(told(1.0, "a").changes(&told(1.0, "a")), [""; 0]);
         let expected = ["parameter `growth` was 1.0, now 2.0", "the graph changed"];
         assert_eq!(told(1.0, "a").changes(&told(2.0, "b")), expected);

@@ -181,7 +181,7 @@ impl NotRead {
     fn in_words(&self) -> String {
         let words =
             |(kinds, reason): &(Vec<_>, Error)| format!("as {}: {reason}", kinds.join(" or "));
-        Vec::from_iter(self.0.iter().map(words)).join("; ")
+        self.0.iter().map(words).collect::<Vec<_>>().join("; ")
     }
 }
 
@@ -210,9 +210,13 @@ impl Readers {
     /// The endings of files that hold a value of this type, or any; in the packs' order.
     #[doc(hidden)]
     pub fn endings(&self, kind: Option<&str>) -> Vec<&'static str> {
-        let fits = |reader: &&AnyReader| kind.is_none_or(|kind| reader.kind().name == kind);
         let mut endings: Vec<&str> = Vec::new();
-        for &ending in self.0.iter().filter(fits).flat_map(|reader| reader.endings) {
+        for &ending in self
+            .0
+            .iter()
+            .filter(|reader| kind.is_none_or(|kind| reader.kind().name == kind))
+            .flat_map(|reader| reader.endings)
+        {
             if !endings.contains(&ending) {
                 endings.push(ending);
             }
@@ -242,9 +246,8 @@ impl Readers {
     #[doc(hidden)]
     pub fn read_any(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let ending = file.ending();
-        let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
         let (mut bare, mut refused) = (None, Vec::new());
-        for reader in self.0.iter().filter(fits) {
+        for reader in self.0.iter().filter(|reader| reader.endings.contains(&&ending[..])) {
             match reader.call(file) {
                 // A mesh without faces is a cloud, or a line.
                 Ok(value) if value.get::<Mesh>().is_some_and(|mesh| mesh.faces().is_empty()) => {
@@ -267,7 +270,9 @@ impl Readers {
     /// Whether files of this ending may name others.
     #[doc(hidden)]
     pub fn may_name(&self, ending: &str) -> bool {
-        let names = |reader: &AnyReader| reader.companions.is_some();
+        fn names(reader: &AnyReader) -> bool {
+            reader.companions.is_some()
+        }
         self.0.iter().any(|reader| names(reader) && reader.endings.contains(&ending))
     }
 
@@ -275,8 +280,10 @@ impl Readers {
     #[doc(hidden)]
     pub fn ask_companions(&self, file: &Reading<'_>) {
         let ending = file.ending();
-        let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
-        self.0.iter().filter(fits).for_each(|reader| reader.ask_companions(file));
+        self.0
+            .iter()
+            .filter(|reader| reader.endings.contains(&&ending[..]))
+            .for_each(|reader| reader.ask_companions(file));
     }
 
     /// The value of this type, or of any, in the file at a path, and what is to be doubted of it. Files that it names are read, too, if
@@ -304,11 +311,13 @@ impl Readers {
         kind: Option<&ValueType>,
         asked: &dyn Fn(&Path),
     ) -> Result<(AnyValue, Vec<String>), String> {
-        let wrong = |error: &dyn fmt::Display| format!("cannot read {}: {error}", path.display());
-        let bytes = plain::read(path).map_err(|error| wrong(&error))?;
+        fn wrong(error: &dyn fmt::Display, path: &Path) -> String {
+            format!("cannot read {}: {error}", path.display())
+        }
+        let bytes = plain::read(path).map_err(|error| wrong(&error, path))?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
-        let folder = folder.map_err(|error| wrong(&error))?;
+        let folder = folder.map_err(|error| wrong(&error, path))?;
         let roots = [project_root(&folder)];
         let companions = CompanionFiles::new(&roots);
         let beside = |name: &str| {
@@ -322,7 +331,7 @@ impl Readers {
             Some(kind) => self.read(kind, &reading),
             None => self.read_any(&reading),
         };
-        Ok((value.map_err(|error| wrong(&error))?, reading.doubts()))
+        Ok((value.map_err(|error| wrong(&error, path))?, reading.doubts()))
     }
 }
 

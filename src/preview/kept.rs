@@ -37,8 +37,8 @@ impl Kept {
     /// `41953 0123..`.
     fn read(text: &str) -> Option<Self> {
         let (port, token) = text.strip_suffix('\n')?.split_once(' ')?;
-        let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
-        let is_token = token.len() == 32 && token.bytes().all(is_digit);
+        let is_token = token.len() == 32
+            && token.bytes().all(|byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte));
         let port = port.parse().ok().filter(|port| *port > 0)?;
         is_token.then(|| Self { port, token: token.to_owned() })
     }
@@ -47,8 +47,10 @@ impl Kept {
 impl Keeper {
     /// None where the system has no folder for a user's state.
     pub(super) fn of(graph: &Path) -> Option<Self> {
-        let absolute = || std::path::absolute(graph).unwrap_or_else(|_| graph.to_owned());
-        let path = std::fs::canonicalize(graph).unwrap_or_else(|_| absolute());
+        fn absolute(graph: &Path) -> PathBuf {
+            std::path::absolute(graph).unwrap_or_else(|_| graph.to_owned())
+        }
+        let path = std::fs::canonicalize(graph).unwrap_or_else(|_| absolute(graph));
         let hash = blake3::hash(path.as_os_str().as_encoded_bytes()).to_hex();
         Some(Self { folder: folder()?, name: hash[..32].to_owned() })
     }
@@ -172,10 +174,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let keeper = keeper(folder.path());
         keeper.save(&kept()).unwrap();
-        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
-        let set = |path: &Path, mode| {
+        fn mode(path: &Path) -> u32 {
+            std::fs::metadata(path).unwrap().permissions().mode() & 0o777
+        }
+        fn set(path: &Path, mode: u32) {
             std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
-        };
+        }
         assert_eq!((mode(&keeper.path()), mode(&keeper.folder)), (0o600, 0o700));
         for open in [0o640, 0o604, 0o620] {
             set(&keeper.path(), open);

@@ -119,7 +119,7 @@ impl Values {
 
     pub(crate) fn retain(&mut self, views: &Views) {
         let gone = self.now.extract_if(.., |viewed, _| !views.contains(viewed));
-        let gone = Vec::from_iter(gone.map(|(_, shown)| shown));
+        let gone: Vec<_> = gone.map(|(_, shown)| shown).collect();
         if views.is_empty() {
             // Nobody has columns of which some may have changed.
             return self.before.clear();
@@ -200,8 +200,10 @@ impl Page {
     /// # Errors
     /// If there is no place for such a file.
     pub fn redirect(&self) -> io::Result<Redirect> {
-        let none = || io::Error::other("the system has no folder for a user's state");
-        let keeper = self.keeper.as_ref().ok_or_else(none)?;
+        let keeper = self
+            .keeper
+            .as_ref()
+            .ok_or_else(|| io::Error::other("the system has no folder for a user's state"))?;
         keeper.redirect(self.shared.address.port(), &self.link())
     }
 
@@ -237,7 +239,9 @@ impl Page {
 /// Listens on the port that is kept, with the token that is kept; or on a free one with a new token, which are kept if nothing is. If
 /// the port that is kept is taken, another watch of the same graph has it, and what is kept stays its own.
 pub fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
-    let at = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+    fn at(port: u16) -> Result<TcpListener, io::Error> {
+        TcpListener::bind((Ipv4Addr::LOCALHOST, port))
+    }
     let kept = keeper.and_then(Keeper::load);
     if let Some(Kept { port, token }) = &kept
         && let Ok(listener) = at(*port)
@@ -328,17 +332,16 @@ impl Shared {
 
 impl Feed {
     pub(crate) fn note(&mut self, message: &Json, text: &Arc<str>) {
-        let text = || Some(text.clone());
         match message["event"].as_str() {
-            Some("hello") => self.hello = text(),
-            Some("graph") => self.graph = text(),
-            Some("problems") => self.problems = text(),
+            Some("hello") => self.hello = Some(text.clone()),
+            Some("graph") => self.graph = Some(text.clone()),
+            Some("problems") => self.problems = Some(text.clone()),
             Some("run") => {
-                self.run = text();
+                self.run = Some(text.clone());
                 self.nodes.clear();
             }
             Some("done") => {
-                self.done = text();
+                self.done = Some(text.clone());
                 self.run = None;
                 self.nodes.clear();
             }
@@ -348,11 +351,11 @@ impl Feed {
             }
             Some("value") => {
                 let viewed = Viewed::deserialize(message).ok();
-                self.values.extend(viewed.zip(text()));
+                self.values.extend(viewed.zip(Some(text.clone())));
             }
             Some("started" | "progress" | "finished") => {
                 let node = message["node"].as_str().unwrap_or_default();
-                self.nodes.extend(text().map(|text| (node.to_owned(), text)));
+                self.nodes.extend(Some((node.to_owned(), text.clone())));
             }
             _ => {}
         }
@@ -376,10 +379,13 @@ mod tests {
         let mut feed = Feed::default();
         let mut note = |message: Json| {
             feed.note(&message, &message.to_string().into());
-            Vec::from_iter(feed.all().iter().map(|text| {
-                let message: Json = serde_json::from_str(text).unwrap();
-                message["event"].as_str().unwrap().to_owned()
-            }))
+            feed.all()
+                .iter()
+                .map(|text| {
+                    let message: Json = serde_json::from_str(text).unwrap();
+                    message["event"].as_str().unwrap().to_owned()
+                })
+                .collect::<Vec<_>>()
         };
         note(json!({ "event": "problems", "problems": [] }));
         note(json!({ "event": "graph" }));
@@ -397,16 +403,17 @@ mod tests {
 
     #[test]
     fn the_value_before_a_large_one_is_still_known() {
-        let viewed = || Viewed { node: "a".into(), output: "value".into() };
-        let shown = |level: u8| {
+        fn viewed() -> Viewed {
+            Viewed { node: "a".into(), output: "value".into() }
+        }
+        let mut values = Values::default();
+        let all = [0, 1, 2, 3].map(|level: u8| {
             let value = AnyValue::new(Image::new(64, 64, vec![[level; 3]; 64 * 64]).unwrap());
             Arc::new(Shown::new(value.clone(), value.show(), Vec::new(), None, None))
-        };
-        let mut values = Values::default();
-        let all = [0, 1, 2, 3].map(shown);
+        });
         assert!(all[0].size() > KEPT);
         all.iter().for_each(|shown| values.put(viewed(), shown.clone()));
-        let known = Vec::from_iter(values.all().map(|shown| shown.value.hash()));
+        let known: Vec<_> = values.all().map(|shown| shown.value.hash()).collect();
         assert_eq!(known, [all[3].value.hash(), all[2].value.hash()]);
     }
 }

@@ -93,14 +93,18 @@ impl Pickable {
         let face = hit.face as usize;
         let first = mesh.faces().first_corner(face);
         let vertices = mesh.faces().face(face).iter().enumerate();
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        let distance = |vertex: u32| (place(vertex) - at).norm_squared();
-        let (corner, &vertex) =
-            vertices.min_by(|(_, a), (_, b)| distance(**a).total_cmp(&distance(**b)))?;
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        fn distance(vertex: u32, mesh: &Mesh, at: Point3<f64>) -> f64 {
+            (place(vertex, mesh) - at).norm_squared()
+        }
+        let (corner, &vertex) = vertices
+            .min_by(|(_, a), (_, b)| distance(**a, mesh, at).total_cmp(&distance(**b, mesh, at)))?;
         Some(Found {
             kind: "triangles",
             at,
-            vertex: (vertex as usize, place(vertex)),
+            vertex: (vertex as usize, place(vertex, mesh)),
             axes: axes_of_mesh(mesh),
             face: Some(hit.face),
             color: color_at(mesh, &hit, first + corner, vertex as usize),
@@ -124,8 +128,12 @@ impl Pickable {
                 }
                 Layer::Lines(lines) => {
                     let corners = lines.chains.iter().flatten().map(|&k| k as usize);
-                    let place = |k: usize| Some((k, *lines.points.get(k)?));
-                    ("lines", cone.nearest(corners.filter_map(place)))
+                    (
+                        "lines",
+                        cone.nearest(
+                            corners.filter_map(|k: usize| Some((k, *lines.points.get(k)?))),
+                        ),
+                    )
                 }
                 Layer::Arrows(arrows) => {
                     let ends = arrows.to.iter().copied().enumerate();
@@ -156,8 +164,10 @@ impl Pickable {
 
     /// The ray in the axes of a layer.
     fn ray(&self, sight: &Sight, axes: Axes) -> (Point3<f64>, Vector3<f64>) {
-        let turn = |place: [f64; 3]| self.axes.turned(place.into(), axes);
-        (turn(sight.origin), turn(sight.direction).coords)
+        fn turn(place: [f64; 3], axes: &Axes, self_axes: &Axes) -> Point3<f64> {
+            self_axes.turned(place.into(), *axes)
+        }
+        (turn(sight.origin, &axes, &self.axes), turn(sight.direction, &axes, &self.axes).coords)
     }
 }
 
@@ -184,13 +194,14 @@ impl Cone {
         &self,
         places: impl Iterator<Item = (usize, Point3<f64>)>,
     ) -> Option<(f64, (usize, Point3<f64>))> {
-        let off = |(index, place): (usize, Point3<f64>)| {
-            let way = place - self.origin;
-            let along = way.dot(&self.direction);
-            let off = (way - self.direction * along).norm() / along;
-            (0.0 < along && off <= self.radius).then_some((off, (index, place)))
-        };
-        places.filter_map(off).reduce(|a, b| if b.0 < a.0 { b } else { a })
+        places
+            .filter_map(|(index, place): (usize, Point3<f64>)| {
+                let way = place - self.origin;
+                let along = way.dot(&self.direction);
+                let off = (way - self.direction * along).norm() / along;
+                (0.0 < along && off <= self.radius).then_some((off, (index, place)))
+            })
+            .reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 }
 
@@ -227,7 +238,9 @@ fn color_at(
             hit.shares().iter().zip(uv).map(|(share, uv)| share * uv[axis]).sum::<f64>()
         });
         let [u, v] = Wrap::uv(material.wrap(), uv);
-        let texel = |share: f64, size: usize| ((share * size as f64) as usize).min(size - 1);
+        fn texel(share: f64, size: usize) -> usize {
+            ((share * size as f64) as usize).min(size - 1)
+        }
         let pixel = [texel(u, texture.width()), texel(1.0 - v, texture.height())];
         return Some((texture.at(pixel), Some(pixel)));
     }
@@ -245,15 +258,18 @@ fn in_hexadecimal([r, g, b]: Rgb) -> String {
 
 /// What the attributes of an element are, by name.
 fn values(attributes: &Attributes, element: usize) -> Json {
-    let value = |attribute: &Attribute| match attribute {
-        Attribute::Number(column) => column[element].into(),
-        Attribute::Index(column) => column[element].into(),
-        Attribute::Flag(column) => column[element].into(),
-        Attribute::Pair(column) => column[element].to_vec().into(),
-        Attribute::Vector(column) => column[element].to_vec().into(),
-        Attribute::Color(column) => in_hexadecimal(column[element]).into(),
-    };
-    let all = attributes.iter().map(|(name, attribute)| (name.to_owned(), value(attribute)));
+    fn value(attribute: &Attribute, element: usize) -> Json {
+        match attribute {
+            Attribute::Number(column) => column[element].into(),
+            Attribute::Index(column) => column[element].into(),
+            Attribute::Flag(column) => column[element].into(),
+            Attribute::Pair(column) => column[element].to_vec().into(),
+            Attribute::Vector(column) => column[element].to_vec().into(),
+            Attribute::Color(column) => in_hexadecimal(column[element]).into(),
+        }
+    }
+    let all =
+        attributes.iter().map(|(name, attribute)| (name.to_owned(), value(attribute, element)));
     Json::Object(Map::from_iter(all))
 }
 
@@ -272,12 +288,14 @@ mod tests {
 
     #[test]
     fn what_is_nearest_to_the_ray_is_found_among_points_lines_and_arrows() {
-        let x = |x: f64| Point3::new(x, 0.0, 0.0);
-        let cloud = |axes| {
+        fn x(x: f64) -> Point3<f64> {
+            Point3::new(x, 0.0, 0.0)
+        }
+        fn cloud(axes: Axes) -> Layer {
             let points = Points::new(vec![x(-0.3), x(0.2), Point3::new(0.2, 5.0, 0.0)]).unwrap();
             let points = points.with_attribute("w", Attribute::Number(vec![1.0, 2.0, 3.0].into()));
             Layer::Points(Cloud { points: points.unwrap(), axes })
-        };
+        }
         let up =
             json!({ "origin": [0.0, -10.0, 0.0], "direction": [0.0, 3.0, 0.0], "radius": 0.05 });
         let found = pick(vec![cloud(Axes::Upright)], &up);
@@ -311,10 +329,12 @@ mod tests {
 
     #[test]
     fn other_axes_are_turned_into_those_of_the_value() {
-        let place = |axes| match axes {
-            Axes::Upright => Point3::new(1.0, 2.0, 3.0),
-            Axes::Sensor => Point3::new(1.0, -2.0, -3.0),
-        };
+        fn place(axes: Axes) -> Point3<f64> {
+            match axes {
+                Axes::Upright => Point3::new(1.0, 2.0, 3.0),
+                Axes::Sensor => Point3::new(1.0, -2.0, -3.0),
+            }
+        }
         let both = [Axes::Upright, Axes::Sensor];
         for (first, second) in both.into_iter().flat_map(|a| both.map(|b| (a, b))) {
             let far = Points::new(vec![Point3::new(900.0, 0.0, 0.0)]).unwrap();
@@ -337,10 +357,12 @@ mod tests {
         let mesh = Mesh::new(corners, Faces::polygons(&[4], vec![0, 1, 2, 3]).unwrap()).unwrap();
         let pixels = (0..32).map(|k| [k, 2 * k, 7]).collect::<Vec<_>>();
         let texture = maquette_value::Image::new(8, 4, pixels).unwrap();
-        let uv = || Attribute::Pair(square.map(|[x, y]| [x / 4.0, y / 4.0]).to_vec().into());
+        fn uv(square: &[[f64; 2]; 4]) -> Attribute {
+            Attribute::Pair(square.map(|[x, y]| [x / 4.0, y / 4.0]).to_vec().into())
+        }
         let bare = mesh.with_texture(Some(texture));
-        let by_vertex = bare.clone().with_vertex("uv", uv()).unwrap();
-        let by_corner = bare.clone().with_corner("uv", uv()).unwrap();
+        let by_vertex = bare.clone().with_vertex("uv", uv(&square)).unwrap();
+        let by_corner = bare.clone().with_corner("uv", uv(&square)).unwrap();
         for mesh in [by_vertex, by_corner] {
             for (place, pixel) in [([1.2, 3.7], [2, 0]), ([0.1, 0.1], [0, 3]), ([3.9, 0.4], [7, 3])]
             {

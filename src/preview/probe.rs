@@ -15,16 +15,18 @@ pub fn at(value: &AnyValue, pixel: [usize; 2]) -> Option<Summary> {
 /// Why none of these outputs of a node has something to say of a pixel.
 pub fn no_answer(node: &str, found: &[(&str, &AnyValue)], [x, y]: [usize; 2]) -> String {
     let sizes = found.iter().filter_map(|(name, value)| Some((name, size(value)?)));
-    let sizes = Vec::from_iter(sizes.map(|(name, [width, height])| {
-        format!("`{node}.{name}` has {width} x {height} pixels, the first of which is 0,0")
-    }));
+    let sizes: Vec<_> = sizes
+        .map(|(name, [width, height])| {
+            format!("`{node}.{name}` has {width} x {height} pixels, the first of which is 0,0")
+        })
+        .collect();
     if !sizes.is_empty() {
         return format!("there is no pixel {x},{y}: {}", sizes.join("; "));
     }
-    let is_grid = |(_, value): &&(&str, &AnyValue)| {
-        shown(value).is_some_and(|picture| picture.registration.is_some())
-    };
-    if let Some((name, _)) = found.iter().find(is_grid) {
+    if let Some((name, _)) = found
+        .iter()
+        .find(|(_, value)| shown(value).is_some_and(|picture| picture.registration.is_some()))
+    {
         return format!("`{node}.{name}` has no cell under the pixel {x},{y}");
     }
     let kinds = found.iter().map(|(_, value)| with_article(value.kind().name));

@@ -214,17 +214,20 @@ async fn picture(
     Query(asked): Query<Asked>,
 ) -> Response {
     let Some(shown) = shared.value(&hash) else { return nobody_looks() };
-    let side = |size: usize| size.clamp(1, MOST_PIXELS);
+    fn side(size: usize) -> usize {
+        size.clamp(1, MOST_PIXELS)
+    }
     let Asked { yaw, pitch, zoom, flat, .. } = asked;
     let size = [side(asked.width), side(asked.height)];
     let view = View { size, yaw, pitch, zoom, ..View::front() };
     let kind = if flat { Kind::Fitted } else { Kind::Space };
-    let draw = move || {
+    match tokio::task::spawn_blocking(move || {
         let below = shown.ground.as_ref().and_then(Ground::below);
         let picture = render::picture(&shown.layers(), &Look { view, kind, below })?;
         png::encode_rgb(&picture).ok()
-    };
-    match tokio::task::spawn_blocking(draw).await {
+    })
+    .await
+    {
         Ok(Some(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
         _ => (StatusCode::NOT_FOUND, "there is nothing to be seen of it\n").into_response(),
     }
@@ -233,12 +236,12 @@ async fn picture(
 /// What is to be known of a value: rows of labels and texts, as `maquette inspect` prints them.
 async fn facts(State(shared): State<Arc<Shared>>, Path(hash): Path<String>) -> Response {
     let Some(shown) = shared.value(&hash) else { return nobody_looks() };
-    let describe = move || {
+    match tokio::task::spawn_blocking(move || {
         let facts = shown.value.describe();
-        let row = |(label, fact): &(String, Json)| json!([label, fact]);
-        Json::from_iter(facts.0.iter().map(row)).to_string()
-    };
-    match tokio::task::spawn_blocking(describe).await {
+        Json::from_iter(facts.0.iter().map(|(label, fact)| json!([label, fact]))).to_string()
+    })
+    .await
+    {
         Ok(text) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
         Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be described\n").into_response(),
     }
@@ -258,15 +261,16 @@ async fn column(
 ) -> Response {
     let Some(new) = shared.column(&name) else { return nobody_looks() };
     let old = had.from.and_then(|from| shared.column(&from));
-    let make = move || {
+    match tokio::task::spawn_blocking(move || {
         let new = new.bytes();
         let changes = old.and_then(|old| changes(&old.bytes(), &new));
         match changes {
             Some(changes) => (CHANGES, changes.into()),
             None => ("application/octet-stream", new),
         }
-    };
-    match tokio::task::spawn_blocking(make).await {
+    })
+    .await
+    {
         Ok((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
         Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be made\n").into_response(),
     }

@@ -142,7 +142,9 @@ impl Shown {
 
     /// Whether it would be shown the same way on this ground.
     pub fn lies_on(&self, ground: Option<&Ground>) -> bool {
-        let about = |ground: &Ground| (ground.image.hash(), ground.registration);
+        fn about(ground: &Ground) -> (Hash, Option<maquette_value::Registration>) {
+            (ground.image.hash(), ground.registration)
+        }
         self.ground.as_ref().map(about) == ground.map(about)
     }
 
@@ -172,10 +174,10 @@ impl Shown {
         let triangle = self.keep(&shape.triangles);
         let texture = shape.textured().map(|material| self.texture(material));
         // One after the other: how many triangles there are, and their picture.
-        let stretches = Vec::from_iter(shape.stretches.iter().map(|&(count, number)| {
+        let stretches: Vec<_> = shape.stretches.iter().map(|&(count, number)| {
             let material = number.and_then(|number| shape.materials().get(number));
             json!({ "count": count, "texture": material.map(|material| self.texture(material)) })
-        }));
+        }).collect();
         self.size += shape.size();
         let value = self.value.hash().to_string();
         let mut later = |what: &str, make: Make| {
@@ -279,8 +281,10 @@ fn name_of(hash: Hash) -> String {
 /// A series as pages draw it: every n-th of very many numbers.
 fn about_series(series: &Series) -> Json {
     let stride = series.numbers.len().div_ceil(MOST_NUMBERS).max(1);
-    let each = |numbers: &[f64]| Json::from_iter(numbers.iter().step_by(stride).copied());
-    json!({ "name": series.name, "at": each(&series.at), "numbers": each(&series.numbers) })
+    fn each(numbers: &[f64], stride: usize) -> Json {
+        Json::from_iter(numbers.iter().step_by(stride).copied())
+    }
+    json!({ "name": series.name, "at": each(&series.at, stride), "numbers": each(&series.numbers, stride) })
 }
 
 /// What has changed between two columns of the same length, if that is less than the whole: the length of a block in bytes, the number
@@ -290,7 +294,7 @@ pub(super) fn changes(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
         return None;
     }
     let pairs = old.chunks(BLOCK).zip(new.chunks(BLOCK)).enumerate();
-    let changed = Vec::from_iter(pairs.filter(|(_, (old, new))| old != new));
+    let changed: Vec<_> = pairs.filter(|(_, (old, new))| old != new).collect();
     let size = 8 + changed.len() * (4 + BLOCK);
     if size > new.len() {
         return None;
@@ -328,7 +332,7 @@ mod tests {
 
     #[test]
     fn changes_make_the_new_column_of_the_old_one() {
-        let old = Vec::from_iter((0..100_003u32).map(|k| (k % 251) as u8));
+        let old: Vec<_> = (0..100_003u32).map(|k| (k % 251) as u8).collect();
         let mut new = old.clone();
         for k in [0, 1, 5000, 99_999, 100_002] {
             new[k] ^= 255;
@@ -338,7 +342,7 @@ mod tests {
         assert_eq!(changed(&old, &few), new);
         assert_eq!(changed(&old, &changes(&old, &old).unwrap()), old);
         assert_eq!(changes(&old, &new[1..]), None);
-        let all = Vec::from_iter(old.iter().map(|byte| !byte));
+        let all: Vec<_> = old.iter().map(|byte| !byte).collect();
         assert_eq!(changes(&old, &all), None);
     }
 
@@ -377,12 +381,13 @@ mod tests {
 
     #[test]
     fn what_was_shown_before_changes_nothing_of_what_is_shown() {
-        let bytes = |shown: &Shown| {
+        fn bytes(shown: &Shown) -> Vec<(String, Bytes)> {
             let columns = shown.columns.iter();
-            let mut columns = Vec::from_iter(columns.map(|(name, it)| (name.clone(), it.bytes())));
+            let mut columns: Vec<_> =
+                columns.map(|(name, it)| (name.clone(), it.bytes())).collect();
             columns.sort();
             columns
-        };
+        }
         for kind in TYPES {
             let values = kind.hostile();
             let anew =

@@ -38,8 +38,9 @@ impl Address {
     /// In words, if it is no address.
     pub fn parse(text: &str, token: Option<&str>) -> Result<Self, String> {
         if let Some(rest) = text.strip_prefix("s3://") {
-            let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
-            let who = Who::Signed(Bucket::parse(rest, set)?);
+            let who = Who::Signed(Bucket::parse(rest, |name| {
+                std::env::var(name).ok().filter(|value| !value.is_empty())
+            })?);
             return Ok(Self { url: text.trim_end_matches('/').to_owned(), who });
         }
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
@@ -108,11 +109,10 @@ pub(super) fn endpoint(url: &str) -> Result<(String, String), String> {
     let (url, rest) = (url.trim_end_matches('/'), rest.trim_end_matches('/'));
     let (host, path) = rest.split_at(rest.find('/').unwrap_or(rest.len()));
     let names_port = host.rsplit(']').next().is_some_and(|rest| rest.contains(':'));
-    let is_whole = |uri: Uri| uri.port().is_some() == names_port;
     if host.is_empty()
         || url.contains(['?', '#', '@'])
         || !is_plain(url)
-        || !url.parse().is_ok_and(is_whole)
+        || !url.parse().is_ok_and(|uri: Uri| uri.port().is_some() == names_port)
     {
         return Err("an address is http://HOST:PORT/PATH".into());
     }
@@ -130,11 +130,11 @@ mod tests {
 
     #[test]
     fn who_one_is_is_taken_out_of_the_address() {
-        let read = |text, token| {
+        fn read(text: &str, token: Option<&str>) -> (String, Option<String>) {
             let address = Address::parse(text, token).unwrap();
             let said = address.headers("GET", "").pop().map(|(_, said)| said);
             (address.to_string(), said)
-        };
+        }
         let basic = Some("Basic YTpiQGM=".to_owned());
         assert_eq!(read("http://a:b%40c@h:1/x/", None), ("http://h:1/x".to_owned(), basic));
         let bearer = Some("Bearer t".to_owned());

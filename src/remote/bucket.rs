@@ -35,10 +35,12 @@ impl Bucket {
     ) -> Result<Self, String> {
         let (name, prefix) = text.split_once('/').unwrap_or((text, ""));
         let prefix = prefix.trim_end_matches('/');
-        let is_name = |text: &str| {
-            let is_letter = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-            !text.trim_start_matches('.').is_empty() && text.bytes().all(is_letter)
-        };
+        fn is_name(text: &str) -> bool {
+            !text.trim_start_matches('.').is_empty()
+                && text
+                    .bytes()
+                    .all(|byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte))
+        }
         if !is_name(name) || !prefix.is_empty() && !prefix.split('/').all(is_name) {
             return Err("an address is s3://BUCKET/PREFIX, of letters, digits, -, _ and .".into());
         }
@@ -91,7 +93,7 @@ impl Bucket {
             ("x-amz-date", date.clone()),
         ];
         headers.extend(self.keys.token.clone().map(|token| ("x-amz-security-token", token)));
-        let signed = Vec::from_iter(headers.iter().map(|(name, value)| (*name, &value[..])));
+        let signed: Vec<_> = headers.iter().map(|(name, value)| (*name, &value[..])).collect();
         let path = format!("{}{file}", self.folder);
         let said = self.keys.authorization(method, &path, &signed, PAYLOAD, &date);
         headers.push(("authorization", said));
@@ -105,10 +107,10 @@ impl Bucket {
         region: Option<&str>,
         said: &str,
     ) -> Option<String> {
-        let is_word = |text: &&str| {
-            let is_letter = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-';
-            (1..=64).contains(&text.len()) && text.bytes().all(is_letter)
-        };
+        fn is_word(text: &&str) -> bool {
+            (1..=64).contains(&text.len())
+                && text.bytes().all(|byte: u8| byte.is_ascii_alphanumeric() || byte == b'-')
+        }
         let code = element(said, "Code").filter(is_word);
         let why = match code {
             Some("NoSuchKey") => return None,
@@ -188,23 +190,29 @@ mod tests {
     #[test]
     fn what_a_bucket_refuses_is_told_with_its_code() {
         let bucket = read("b/p", &[]).unwrap();
-        let told = |status, region, said: &str| {
+        fn told(status: u16, region: Option<&str>, said: &str, bucket: &Bucket) -> Option<String> {
             let said =
                 format!("<?xml version=\"1.0\"?><Error>{said}<Message>hidden</Message></Error>");
             bucket.refusal(StatusCode::from_u16(status).unwrap(), region, &said)
-        };
-        let code = |status, code: &str| told(status, None, &format!("<Code>{code}</Code>"));
-        assert_eq!(code(404, "NoSuchKey"), None);
-        assert_eq!(code(404, "NoSuchBucket").unwrap(), "404 NoSuchBucket: there is no bucket `b`");
+        }
+        fn code(status: u16, code: &str, bucket: &Bucket) -> Option<String> {
+            told(status, None, &format!("<Code>{code}</Code>"), bucket)
+        }
+        assert_eq!(code(404, "NoSuchKey", &bucket), None);
+        assert_eq!(
+            code(404, "NoSuchBucket", &bucket).unwrap(),
+            "404 NoSuchBucket: there is no bucket `b`"
+        );
         for known in ["InvalidAccessKeyId", "SignatureDoesNotMatch", "RequestTimeTooSkewed"] {
-            let why = code(403, known).unwrap();
+            let why = code(403, known, &bucket).unwrap();
             assert!(why.starts_with(&format!("403 {known}: ")), "{why}");
         }
-        assert_eq!(code(503, "SlowDown").unwrap(), "503 SlowDown");
-        let moved = told(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>").unwrap();
+        assert_eq!(code(503, "SlowDown", &bucket).unwrap(), "503 SlowDown");
+        let moved =
+            told(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>", &bucket).unwrap();
         assert!(moved.ends_with("AWS_REGION must be eu-west-1"), "{moved}");
         // Whatever else somebody says there.
-        assert_eq!(code(403, "\u{1b}[31m").unwrap(), "403 Forbidden");
-        assert_eq!(told(500, None, "").unwrap(), "500 Internal Server Error");
+        assert_eq!(code(403, "\u{1b}[31m", &bucket).unwrap(), "403 Forbidden");
+        assert_eq!(told(500, None, "", &bucket).unwrap(), "500 Internal Server Error");
     }
 }

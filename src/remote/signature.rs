@@ -32,7 +32,7 @@ impl Keys {
         payload: &str,
         date: &str,
     ) -> String {
-        let names = Vec::from_iter(headers.iter().map(|(name, _)| *name)).join(";");
+        let names = headers.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(";");
         let lines: String = headers.iter().map(|(name, it)| format!("{name}:{it}\n")).collect();
         let request = format!("{method}\n{path}\n\n{lines}\n{names}\n{payload}");
         let (day, region) = (date.split('T').next().unwrap_or(date), &self.region);

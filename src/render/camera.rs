@@ -76,8 +76,7 @@ impl Camera {
 
     /// Aims at the middle of what is seen, and goes so far away that all of it fits.
     fn frame(&mut self, meshes: &[&Mesh], projection: Projection, zoom: f64) {
-        let seen = |point: &Point3<f64>| self.view(*point);
-        let mut points = points_of(meshes).map(seen);
+        let mut points = points_of(meshes).map(|point| self.view(*point));
         let first = points.next().unwrap_or_default();
         let (low, high) =
             points.fold((first, first), |(low, high), point| (low.inf(&point), high.sup(&point)));
@@ -91,8 +90,11 @@ impl Camera {
             }
             Projection::Perspective => {
                 // The nearest vertex stays clear of the viewer even where the mesh is a mere line towards it.
-                let away = |(reach, z): (f64, f64)| z + (reach / LENS).max(NEAREST);
-                self.distance = Some(reaches.map(away).fold(NEAREST, f64::max));
+                self.distance = Some(
+                    reaches
+                        .map(|(reach, z): (f64, f64)| z + (reach / LENS).max(NEAREST))
+                        .fold(NEAREST, f64::max),
+                );
                 self.scale = shorter * zoom / LENS;
             }
         }
@@ -116,9 +118,14 @@ impl Camera {
             self.distance = Some(away);
             self.scale *= away / before;
         }
-        let near = |z: f64| self.distance.map_or(1.0, |distance| 1.0 / (distance - z));
+        fn near(z: f64, self_distance: &Option<f64>) -> f64 {
+            self_distance.map_or(1.0, |distance| 1.0 / (distance - z))
+        }
         let reaches = corners.map(|view| self.reach(view));
-        let widest = reaches.into_iter().map(|(reach, z)| reach * near(z)).fold(0.0, f64::max);
+        let widest = reaches
+            .into_iter()
+            .map(|(reach, z)| reach * near(z, &self.distance))
+            .fold(0.0, f64::max);
         if widest > 0.0 {
             let largest = LARGEST * self.scale / zoom;
             self.scale = (self.shorter() * zoom / widest).min(largest);
@@ -153,7 +160,9 @@ impl Camera {
         let from_aim = view - self.aim;
         let near = self.distance.map_or(1.0, |distance| 1.0 / (distance - from_aim.z));
         let [x, y] = [from_aim.x, -from_aim.y].map(|length| length * near * self.scale);
-        let place = |x: f64| x.clamp(-FARTHEST, FARTHEST).round() as i32;
+        fn place(x: f64) -> i32 {
+            x.clamp(-FARTHEST, FARTHEST).round() as i32
+        }
         let near = if self.distance.is_some() { near } else { from_aim.z };
         Spot { at: [place(self.middle[0] + x), place(self.middle[1] + y)], near: near as f32 }
     }

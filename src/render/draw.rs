@@ -44,8 +44,11 @@ pub(crate) fn render_all(meshes: &[&Mesh], view: &View) -> Image {
         let bins = Bins::new(&scene, height);
         pixels.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
             let samples = Band::draw(&scene, &bins, band, [width, pixels.len() / width]);
-            let background = |row| light::background((band * BAND + row) as f64 / height as f64);
-            samples.resolve(&scene, background, pixels);
+            samples.resolve(
+                &scene,
+                |row| light::background((band * BAND + row) as f64 / height as f64),
+                pixels,
+            );
         });
     }
     Image::new(width, height, pixels).expect("a pixel for each place")

@@ -84,14 +84,16 @@ impl Below<'_> {
         let map = self.registration.or(over.registration);
         let map = map.unwrap_or_else(|| Registration::corners(size, [width, height]));
         let nothing = if over.drawn { PLAIN } else { [0; 3] };
-        let color = |[column, row]: [usize; 2]| {
-            let cell = map.range_from_picture([column as f64, row as f64]).map(f64::round);
-            let is_inside = (0..2).all(|axis| 0.0 <= cell[axis] && cell[axis] < size[axis] as f64);
-            let color = is_inside.then(|| over.image.at(cell.map(|at| at as usize)))?;
-            (color != nothing).then_some(color)
-        };
         let places = (0..height).flat_map(|row| (0..width).map(move |column| [column, row]));
-        places.map(color).collect()
+        places
+            .map(|[column, row]: [usize; 2]| {
+                let cell = map.range_from_picture([column as f64, row as f64]).map(f64::round);
+                let is_inside =
+                    (0..2).all(|axis| 0.0 <= cell[axis] && cell[axis] < size[axis] as f64);
+                let color = is_inside.then(|| over.image.at(cell.map(|at| at as usize)))?;
+                (color != nothing).then_some(color)
+            })
+            .collect()
     }
 }
 
@@ -108,8 +110,10 @@ fn line(color: Rgb) -> Rgb {
 /// A pixel with a color on it.
 fn tinted(pixel: Rgb, color: Rgb) -> Rgb {
     let share = HIDDEN * (saturation(color) / COLORED).min(1.0);
-    let mix = |k: usize| f64::from(pixel[k]) * (1.0 - share) + f64::from(color[k]) * share;
-    [0, 1, 2].map(|k| mix(k).round() as u8)
+    fn mix(k: usize, pixel: [u8; 3], share: f64, color: [u8; 3]) -> f64 {
+        f64::from(pixel[k]) * (1.0 - share) + f64::from(color[k]) * share
+    }
+    [0, 1, 2].map(|k| mix(k, pixel, share, color).round() as u8)
 }
 
 /// The whole picture in another size, with bars at its sides if its shape is another. Each pixel is the mean of those that it covers.

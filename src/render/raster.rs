@@ -167,15 +167,16 @@ impl Band {
         });
         let nears =
             each(|k| f64::from(scene.spots[triangle.vertices[outline.order[k]] as usize].near));
-        let near = |weights: [i64; 3]| {
+        #[inline(always)]
+        fn near(weights: [i64; 3], nears: [f64; 3], outline_area: i64) -> f64 {
             let [a, b, c] = each(|k| weights[k] as f64 * nears[k]);
-            (a + b + c) / outline.area as f64
-        };
-        let slope = near(steps);
+            (a + b + c) / outline_area as f64
+        }
+        let slope = near(steps, nears, outline.area);
         for row in top.max(first_row)..=bottom {
             let weights = outline.weights([center(left), center(row)]);
             let Some([first, last]) = span(weights, steps, least, right - left) else { continue };
-            let start = near(weights);
+            let start = near(weights, nears, outline.area);
             let from = (row - first_row) as usize * self.width + left as usize;
             let samples = from + first as usize..=from + last as usize;
             let seen = self.near[samples.clone()].iter_mut().zip(&mut self.triangles[samples]);
@@ -334,12 +335,14 @@ impl<'a> Shown<'a> {
     fn light(&self, pixel: [usize; 2], samples: u16) -> Light {
         // The weights are linear, so that their sum over the samples is that of the sum of the places.
         let count = samples.count_ones();
-        let place = |k: usize| {
+        #[inline(always)]
+        fn place(k: usize, samples: u16, count: u32, pixel: [usize; 2]) -> f64 {
             let [second, third] = AXES[k].map(|those| (samples & those).count_ones());
             let corner = i64::from(count) * center((pixel[k] * SAMPLES) as i64);
             (corner + i64::from(PARTS) * i64::from(second + 2 * third)) as f64
-        };
-        let (count, [column, row]) = (f64::from(count), [place(0), place(1)]);
+        }
+        let (count, [column, row]) =
+            (f64::from(count), [place(0, samples, count, pixel), place(1, samples, count, pixel)]);
         let area = count * self.area;
         let shares = four(|k| {
             let across = self.along[0][k] * (row - count * self.from[1][k]);

@@ -134,8 +134,14 @@ impl<'a> Scene<'a> {
             })),
             (None, None) => Color::Clay,
         };
-        let near = |k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near);
-        Facet { nears: self.perspective.then(|| padded(each(near))), flat, normals, color }
+        Facet {
+            nears: self.perspective.then(|| {
+                padded(each(|k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near)))
+            }),
+            flat,
+            normals,
+            color,
+        }
     }
 
     /// The mesh of a triangle, and the triangle as that mesh counts its corners and vertices.
@@ -207,8 +213,11 @@ impl Facet<'_> {
             Color::Clay => light::CLAY,
             Color::Mixed(colors) => mix(colors),
             Color::Texture(image, wrap, uv) => {
-                let at = |k| shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k];
-                light::linear(image.sample_beyond([at(0), at(1)], *wrap))
+                #[inline(always)]
+                fn at(k: usize, shares: [f64; 4], uv: &[[f64; 2]; 3]) -> f64 {
+                    shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k]
+                }
+                light::linear(image.sample_beyond([at(0, shares, uv), at(1, shares, uv)], *wrap))
             }
         };
         light::lit(color, normal)
@@ -230,16 +239,18 @@ impl<'a> Paint<'a> {
             (Some(uv), _) => Some(Data::Corner((&uv[..]).into())),
             (None, uv) => uv.map(|uv| Data::Vertex((&uv[..]).into())),
         };
-        let picture = |it: &'a Material| {
-            it.shown().map(|picture| (picture, it.wrap())).filter(|_| uv.is_some())
-        };
-        let mut pictures = Vec::from_iter(mesh.materials().iter().map(picture));
+        let mut pictures: Vec<_> = mesh
+            .materials()
+            .iter()
+            .map(|it| it.shown().map(|picture| (picture, it.wrap())).filter(|_| uv.is_some()))
+            .collect();
         let materials = mesh.face_materials().map(|numbers| {
             let faces = mesh.faces().iter().zip(numbers.iter());
-            let of_face = |(face, &number): (&[u32], &u32)| {
-                std::iter::repeat_n(mesh.known_material(number), face.len())
-            };
-            faces.flat_map(of_face).collect::<Vec<_>>()
+            faces
+                .flat_map(|(face, &number): (&[u32], &u32)| {
+                    std::iter::repeat_n(mesh.known_material(number), face.len())
+                })
+                .collect::<Vec<_>>()
         });
         if materials.is_none() {
             pictures.truncate(1);
@@ -250,20 +261,22 @@ impl<'a> Paint<'a> {
             (Some(colors), _) => Some(Data::Corner((&colors[..]).into())),
             (None, colors) => colors.map(|colors| Data::Vertex((&colors[..]).into())),
         };
-        let of_materials = || {
-            let colors = Vec::from_iter(mesh.materials().iter().map(Material::color));
-            match &materials {
-                Some(numbers) => {
-                    let color = |number: &u32| colors[*number as usize];
-                    Some(Data::Corner(numbers.iter().map(color).collect()))
+        let colors = if is_whole {
+            None
+        } else {
+            given.or_else(|| {
+                let colors: Vec<_> = mesh.materials().iter().map(Material::color).collect();
+                match &materials {
+                    Some(numbers) => Some(Data::Corner(
+                        numbers.iter().map(|number| colors[*number as usize]).collect(),
+                    )),
+                    None => {
+                        let color = *colors.first().filter(|color| **color != [255; 3])?;
+                        Some(Data::Vertex(vec![color; mesh.positions().len()].into()))
+                    }
                 }
-                None => {
-                    let color = *colors.first().filter(|color| **color != [255; 3])?;
-                    Some(Data::Vertex(vec![color; mesh.positions().len()].into()))
-                }
-            }
+            })
         };
-        let colors = if is_whole { None } else { given.or_else(of_materials) };
         Self { mesh, uv: uv.filter(|_| has_picture), colors, pictures, materials }
     }
 

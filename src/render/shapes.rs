@@ -96,11 +96,15 @@ impl Shapes {
         let middle = low.coords / 2.0 + high.coords / 2.0;
         let center = Point3::from(middle.map(|x| (x / scale).round() * scale));
         let ruler = Ruler { center, scale };
-        let shape = |(place, (mesh, is_solid)): (usize, (Mesh, bool))| {
-            let after = before.get(place).and_then(|before| before.after(&mesh, is_solid, ruler));
-            after.unwrap_or_else(|| Shape::new(mesh, is_solid, ruler)).into()
-        };
-        let shapes = meshes.into_iter().enumerate().map(shape).collect();
+        let shapes = meshes
+            .into_iter()
+            .enumerate()
+            .map(|(place, (mesh, is_solid)): (usize, (Mesh, bool))| {
+                let after =
+                    before.get(place).and_then(|before| before.after(&mesh, is_solid, ruler));
+                after.unwrap_or_else(|| Shape::new(mesh, is_solid, ruler)).into()
+            })
+            .collect();
         Some(Self { axes, ruler, shapes })
     }
 }
@@ -116,14 +120,13 @@ impl Shape {
         let corners = mesh.faces().corners();
         let (paint, normals) = (Paint::of(&mesh), Normals::of(&mesh));
         let split = (normals.is_by_corner() || paint.is_by_corner()).then(|| {
-            let key = |corner: u32| {
+            welded(corners, mesh.positions().len(), |corner: u32| {
                 let vertex = corners[corner as usize];
                 let uv = paint.uv(corner, vertex).unwrap_or_default();
                 let [r, g, b] = paint.color(corner, vertex).unwrap_or_default();
                 let color = u32::from_le_bytes([r, g, b, 0]);
                 [normals.at(corner, vertex), color, uv[0].to_bits(), uv[1].to_bits()]
-            };
-            welded(corners, mesh.positions().len(), key)
+            })
         });
         let is_split = split.is_some();
         // The vertex here of each corner.
@@ -133,8 +136,10 @@ impl Shape {
         };
         let cut = Triangles::of(&mesh);
         let shared = |triangle| cut.vertices(triangle, of_corners);
-        let lean = |triangle| normals.lean(&mesh, &cut, triangle);
-        let leaning: Vec<Leaning> = (0..cut.len()).into_par_iter().filter_map(lean).collect();
+        let leaning: Vec<Leaning> = (0..cut.len())
+            .into_par_iter()
+            .filter_map(|triangle| normals.lean(&mesh, &cut, triangle))
+            .collect();
         let count = firsts.map_or(mesh.positions().len(), <[u32]>::len);
         let own = Own::of(&leaning, count, shared);
         let mut triangles: Vec<[u32; 3]> = list(cut.len(), shared);
@@ -205,8 +210,7 @@ impl Shape {
     /// The parameters of each vertex.
     pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
-        let pair = |&vertex: &u32| uv[vertex as usize].map(|x| x as f32);
-        Some(self.origins.iter().map(pair).collect())
+        Some(self.origins.iter().map(|&vertex| uv[vertex as usize].map(|x| x as f32)).collect())
     }
 }
 
@@ -254,13 +258,16 @@ struct Triangles<'a> {
 impl<'a> Triangles<'a> {
     fn of(mesh: &'a Mesh) -> Self {
         let listed = mesh.faces().sides().is_none().then(|| mesh.triangle_corners());
-        let is_bent = |face: &u32| !mesh.is_fan(*face as usize);
         let faces = if listed.is_some() || mesh.faces().sides() == Some(3) {
             0
         } else {
             mesh.faces().len() as u32
         };
-        Self { mesh, listed, bent: (0..faces).into_par_iter().filter(is_bent).collect() }
+        Self {
+            mesh,
+            listed,
+            bent: (0..faces).into_par_iter().filter(|face| !mesh.is_fan(*face as usize)).collect(),
+        }
     }
 
     fn len(&self) -> usize {
@@ -451,7 +458,9 @@ impl Seen<'_> {
 /// A direction in 30 bits; 0 for none.
 fn packed(normal: Vector3<f64>) -> u32 {
     let unit = normal.try_normalize(0.0).unwrap_or_default();
-    let bits = |x: f64| (x * 511.0).round() as i32 as u32 & 0x3ff;
+    fn bits(x: f64) -> u32 {
+        (x * 511.0).round() as i32 as u32 & 0x3ff
+    }
     bits(unit.x) | bits(unit.y) << 10 | bits(unit.z) << 20
 }
 
@@ -462,7 +471,7 @@ mod tests {
     use super::*;
 
     fn mesh(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
-        let points = Vec::from_iter(points.iter().map(|&point| Point3::from(point)));
+        let points: Vec<_> = points.iter().map(|&point| Point3::from(point)).collect();
         Mesh::new(points, Faces::triangles(faces.to_vec())).unwrap()
     }
 
@@ -471,8 +480,10 @@ mod tests {
     }
 
     fn unpacked(normal: u32) -> Vector3<f64> {
-        let part = |shift: u32| f64::from(((normal >> shift << 22) as i32) >> 22) / 511.0;
-        Vector3::new(part(0), part(10), part(20))
+        fn part(shift: u32, normal: u32) -> f64 {
+            f64::from(((normal >> shift << 22) as i32) >> 22) / 511.0
+        }
+        Vector3::new(part(0, normal), part(10, normal), part(20, normal))
     }
 
     #[test]
@@ -492,10 +503,10 @@ mod tests {
         let sheet = shape(mesh(&flat, &[[0, 1, 2], [0, 2, 3]]));
         assert_eq!((sheet.places.len(), sheet.triangles.len(), sheet.edges().len()), (4, 2, 5));
         // Two squares that meet at a right angle: the normals at their edge lean by 45 degrees, those of a sharper edge by more.
-        let edge = |height: f64, depth: f64| {
+        fn edge(height: f64, depth: f64) -> Arc<Shape> {
             let points = [[0., 0., 0.], [0., 1., 0.], [1., 0., 0.], [height, 0., depth]];
             shape(mesh(&points, &[[0, 2, 1], [0, 1, 3]]))
-        };
+        }
         assert_eq!(edge(0.0, 1.0).places.len(), 4);
         let sharp = edge(0.7, 0.7);
         assert_eq!(sharp.places.len(), 8);
@@ -514,7 +525,7 @@ mod tests {
         assert_eq!(sheet.colors.as_ref().unwrap().len(), 5);
         assert_eq!(sheet.triangles[..], [[0, 1, 2], [0, 3, 4]]);
         let fields = &sheet.fields;
-        let names = Vec::from_iter(fields.iter().map(|field| (&field.name[..], field.range)));
+        let names: Vec<_> = fields.iter().map(|field| (&field.name[..], field.range)).collect();
         assert_eq!(names, [("far", [0., 9.]), ("part", [3., 4.])]);
         assert_eq!(sheet.field(&fields[0]), [0., 1., 2., 2., 9.]);
         assert_eq!(sheet.field(&fields[1]), [3., 3., 3., 4., 4., 4.]);
@@ -522,10 +533,10 @@ mod tests {
 
     #[test]
     fn a_small_change_moves_a_small_part() {
-        let row = |k: u32| [f64::from(k % 100), f64::from(k / 100), 0.0];
-        let points = Vec::from_iter((0..10_000).map(row));
+        let points: Vec<_> =
+            (0..10_000).map(|k: u32| [f64::from(k % 100), f64::from(k / 100), 0.0]).collect();
         let faces = (0..99).flat_map(|y| (0..99).map(move |x| y * 100 + x));
-        let faces = Vec::from_iter(faces.map(|k| [k, k + 1, k + 101]));
+        let faces: Vec<_> = faces.map(|k| [k, k + 1, k + 101]).collect();
         let before = shape(mesh(&points, &faces));
         let mut moved = points.clone();
         moved[4242][2] = 0.5;

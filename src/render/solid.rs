@@ -35,7 +35,7 @@ const PLOT: f64 = 0.7;
 pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
     let (meshes, axes) = meshes_of(layers, Some(Axes::Upright));
     let has_faces = meshes.iter().any(|(_, is_solid)| !is_solid);
-    let meshes = Vec::from_iter(meshes.iter().map(|(mesh, _)| mesh));
+    let meshes: Vec<_> = meshes.iter().map(|(mesh, _)| mesh).collect();
     let view = if has_faces { *view } else { View { aim: aim(view, axes), ..*view } };
     (!meshes.is_empty()).then(|| super::render_all(&meshes, &view))
 }
@@ -43,8 +43,8 @@ pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
 /// The faces of some layers, and solids for all else that lies in space, with whether they are solids; and the axes of the value: those
 /// of the faces, or of the first layer if there are none, where the solids have them too, unless others are asked for.
 pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bool)>, Axes) {
-    let is_faces = |layer: &&Layer| matches!(layer, Layer::Triangles(_));
-    let mut faces_first = layers.iter().filter(is_faces).chain(layers);
+    let mut faces_first =
+        layers.iter().filter(|layer| matches!(layer, Layer::Triangles(_))).chain(layers);
     let axes = faces_first.find_map(Layer::axes).unwrap_or_default();
     let faces = layers.iter().filter_map(|layer| match layer {
         Layer::Triangles(mesh) => Some(&**mesh),
@@ -59,10 +59,12 @@ pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bo
 
 /// What a view aims at, with y up.
 fn aim(view: &View, axes: Axes) -> Option<Aim> {
-    let turn = |place| axes.turned(place, Axes::Upright);
+    fn turn(place: Point3<f64>, axes: &Axes) -> Point3<f64> {
+        axes.turned(place, Axes::Upright)
+    }
     view.aim.map(|aim| match aim {
-        Aim::Place(place) => Aim::Place(turn(place)),
-        Aim::Box(low, high) => Aim::Box(turn(low), turn(high)),
+        Aim::Place(place) => Aim::Place(turn(place, &axes)),
+        Aim::Box(low, high) => Aim::Box(turn(low, &axes), turn(high, &axes)),
     })
 }
 
@@ -83,16 +85,33 @@ impl Solids {
             match layer {
                 Layer::Points(cloud) => {
                     let colors = cloud.points.attributes().colors("color");
-                    let color = |k: usize| colors.map_or(COLORS[0], |colors| colors[k]);
+                    fn color(
+                        k: usize,
+                        colors: &Option<&maquette_value::Column<[u8; 3]>>,
+                    ) -> [u8; 3] {
+                        colors.map_or(COLORS[0], |colors| colors[k])
+                    }
                     let places = cloud.points.positions().iter().enumerate();
                     let stride = places.len().div_ceil(MOST).max(1);
-                    let place = |(k, &point)| (cloud.axes.turned(point, axes), color(k));
-                    all.points.extend(places.step_by(stride).map(place));
+                    all.points.extend(
+                        places
+                            .step_by(stride)
+                            .map(|(k, &point)| (cloud.axes.turned(point, axes), color(k, &colors))),
+                    );
                 }
                 Layer::Lines(lines) => {
-                    let at = |&k: &u32| lines.points.get(k as usize).copied();
+                    fn at(
+                        &k: &u32,
+                        lines_points: &maquette_value::Column<Point3<f64>>,
+                    ) -> Option<Point3<f64>> {
+                        lines_points.get(k as usize).copied()
+                    }
                     for ends in lines.chains.iter().flat_map(|chain| chain.windows(2)) {
-                        let [Some(a), Some(b)] = [at(&ends[0]), at(&ends[1])] else { continue };
+                        let [Some(a), Some(b)] =
+                            [at(&ends[0], &lines.points), at(&ends[1], &lines.points)]
+                        else {
+                            continue;
+                        };
                         all.lines.push(([a, b].map(|end| lines.axes.turned(end, axes)), COLORS[1]));
                     }
                 }
@@ -105,9 +124,10 @@ impl Solids {
                     );
                 }
                 Layer::Marks(marks) => {
-                    let turn = |&place: &Point3<f64>| marks.axes.turned(place, axes);
                     let outlines = marks.outlines.iter();
-                    all.marks.extend(outlines.map(|it| Vec::from_iter(it.iter().map(turn))));
+                    all.marks.extend(outlines.map(|it| {
+                        it.iter().map(|&place| marks.axes.turned(place, axes)).collect::<Vec<_>>()
+                    }));
                 }
                 Layer::Plot(series) => all.plot(series),
                 Layer::Picture(_) | Layer::Triangles(_) => {}
@@ -124,16 +144,20 @@ impl Solids {
             numbers.fold(start, |(low, high), &x| (low.min(x), high.max(x)))
         };
         let (across, up) = (all(|series| &series.at), all(|series| &series.numbers));
-        let share = |x: f64, (low, high): (f64, f64)| {
+        fn share(x: f64, (low, high): (f64, f64)) -> f64 {
             // Halves, because the difference of two huge numbers is infinite.
             if low < high { (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) } else { 0.5 }
-        };
+        }
         for (series, color) in series.iter().zip(COLORS.iter().cycle().skip(1)) {
-            let place = |(&at, &x): (&f64, &f64)| {
-                let place = Point3::new(share(at, across), share(x, up) * PLOT, 0.0);
-                place.coords.iter().all(|x| x.is_finite()).then_some(place)
-            };
-            let places = Vec::from_iter(series.at.iter().zip(&series.numbers).map(place));
+            let places: Vec<_> = series
+                .at
+                .iter()
+                .zip(&series.numbers)
+                .map(|(&at, &x): (&f64, &f64)| {
+                    let place = Point3::new(share(at, across), share(x, up) * PLOT, 0.0);
+                    place.coords.iter().all(|x| x.is_finite()).then_some(place)
+                })
+                .collect();
             let pairs = places.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?]));
             self.lines.extend(pairs.map(|pair| (pair, *color)));
             self.points.extend(places.iter().flatten().map(|place| (*place, *color)));
@@ -155,8 +179,10 @@ impl Solids {
         let points = self.points.iter().map(|(point, _)| point);
         let ends = self.lines.iter().flat_map(|(ends, _)| ends);
         let ends = ends.chain(self.arrows.iter().flatten()).chain(self.marks.iter().flatten());
-        let is_somewhere = |point: &&Point3<f64>| point.coords.iter().all(|x| x.is_finite());
-        let mut places = points.chain(ends).filter(is_somewhere).peekable();
+        let mut places = points
+            .chain(ends)
+            .filter(|point| point.coords.iter().all(|x| x.is_finite()))
+            .peekable();
         places.peek()?;
         let vertices = faces.iter().flat_map(|mesh| mesh.positions().iter());
         let (low, high) = bounds(places.chain(vertices))?;
@@ -212,12 +238,11 @@ impl Pieces {
 
     /// An octahedron.
     fn point(&mut self, at: Point3<f64>, radius: f64, color: Rgb) {
-        let corner = |k: usize| {
+        let corners: [_; 6] = std::array::from_fn(|k: usize| {
             let mut corner = at;
             corner[k / 2] += if k.is_multiple_of(2) { radius } else { -radius };
             corner
-        };
-        let corners: [_; 6] = std::array::from_fn(corner);
+        });
         const FACES: [[u32; 3]; 8] = [
             [0, 2, 4],
             [2, 1, 4],
@@ -256,9 +281,11 @@ impl Pieces {
         let least = along.iamin();
         let side = along.cross(&Vector3::ith(least, 1.0)).normalize();
         let other = along.cross(&side);
-        let ring = |k: usize| [side, other, -side, -other][k];
-        let corner = |k: usize| ends[k / 4] + ring(k % 4) * radii[k / 4];
-        let corners: [_; 8] = std::array::from_fn(corner);
+        fn ring(k: usize, side: Vector3<f64>, other: Vector3<f64>) -> Vector3<f64> {
+            [side, other, -side, -other][k]
+        }
+        let corners: [_; 8] =
+            std::array::from_fn(|k: usize| ends[k / 4] + ring(k % 4, side, other) * radii[k / 4]);
         let mut faces = vec![[0, 3, 2], [0, 2, 1], [4, 5, 6], [4, 6, 7]];
         for k in 0..4 {
             let next = (k + 1) % 4;

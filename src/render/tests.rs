@@ -17,15 +17,20 @@ fn view(width: usize, height: usize) -> View {
 
 /// The color that is farthest above the others, pixel by pixel: r, g, b, w for light grays, `.` for the background.
 fn draw(image: &Image) -> String {
-    let letter = |&[r, g, b]: &Rgb| match [r, g, b].map(i32::from) {
-        [r, g, b] if r > g + 25 && r > b + 25 => 'r',
-        [r, g, b] if g > r + 25 && g > b + 25 => 'g',
-        [r, g, b] if b > r + 25 && b > g + 25 => 'b',
-        [r, ..] if r > 90 => 'w',
-        _ => '.',
-    };
     let rows = image.pixels().chunks(image.width());
-    rows.map(|row| row.iter().map(letter).chain(['\n']).collect::<String>()).collect()
+    rows.map(|row| {
+        row.iter()
+            .map(|&[r, g, b]| match [r, g, b].map(i32::from) {
+                [r, g, b] if r > g + 25 && r > b + 25 => 'r',
+                [r, g, b] if g > r + 25 && g > b + 25 => 'g',
+                [r, g, b] if b > r + 25 && b > g + 25 => 'b',
+                [r, ..] if r > 90 => 'w',
+                _ => '.',
+            })
+            .chain(['\n'])
+            .collect::<String>()
+    })
+    .collect()
 }
 
 /// A square of two triangles at a height z, in one color, seen from +z.
@@ -74,11 +79,15 @@ fn the_nearer_face_is_seen_whichever_comes_first() {
             let view = View { projection, ..view(30, 30) };
             let image = render(&squares(&faces), &view);
             let picture = draw(&image);
-            let row = |k: usize| picture.lines().nth(k).unwrap().trim_matches('.').to_owned();
+            fn row(k: usize, picture: &str) -> String {
+                picture.lines().nth(k).unwrap().trim_matches('.').to_owned()
+            }
             assert!(
-                row(15).starts_with('r') && row(15).ends_with('r') && row(15).contains("ggggg")
+                row(15, &picture).starts_with('r')
+                    && row(15, &picture).ends_with('r')
+                    && row(15, &picture).contains("ggggg")
             );
-            assert!(row(4).contains('r') && !row(4).contains('g'));
+            assert!(row(4, &picture).contains('r') && !row(4, &picture).contains('g'));
         }
     }
 }
@@ -104,10 +113,10 @@ fn signpost() -> Mesh {
 #[test]
 fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
     // The middles of the four quarters.
-    let quarters = |mesh: &Mesh| {
+    fn quarters(mesh: &Mesh) -> [u8; 4] {
         let picture = draw(&render(mesh, &view(10, 10)));
         [(2, 2), (2, 7), (7, 2), (7, 7)].map(|(row, column)| picture.as_bytes()[11 * row + column])
-    };
+    }
     assert_eq!(&quarters(&signpost()), b"bbrg");
     let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0, world_from_camera: None };
     // A sensor looks along +z with y down, so that it sees this side of faces that turn the other way.
@@ -127,11 +136,14 @@ fn walking_to_the_right_shows_the_right_side_and_rising_the_top() {
     let right = [[1., 0., 1.], [1., 0., 0.], [1., 1., 0.], [1., 1., 1.]];
     let top = [[0., 1., 1.], [1., 1., 1.], [1., 1., 0.], [0., 1., 0.]];
     let cube = squares(&[(right, GREEN), (top, BLUE)]);
-    let middle = |yaw, pitch| {
+    fn middle(yaw: f64, pitch: f64, cube: &Mesh) -> char {
         let view = View { yaw, pitch, ..view(11, 11) };
-        draw(&render(&cube, &view)).chars().nth(12 * 5 + 5).unwrap()
-    };
-    assert_eq!([middle(90., 0.), middle(0., 90.), middle(-90., 0.)], ['g', 'b', 'r']);
+        draw(&render(cube, &view)).chars().nth(12 * 5 + 5).unwrap()
+    }
+    assert_eq!(
+        [middle(90., 0., &cube), middle(0., 90., &cube), middle(-90., 0., &cube)],
+        ['g', 'b', 'r']
+    );
 }
 
 #[test]
@@ -149,27 +161,35 @@ fn a_texture_lies_upright_and_without_a_bend_at_the_diagonal() {
     });
     assert_eq!(by_vertex, by_corner);
     let picture = draw(&by_vertex);
-    let row = |k: usize| picture.lines().nth(k).unwrap().trim_matches('.').to_owned();
-    assert!(row(24).starts_with('r') && row(24).ends_with('g'), "{picture}");
-    assert!(row(35).starts_with('b') && row(35).ends_with('w'), "{picture}");
+    fn row(k: usize, picture: &str) -> String {
+        picture.lines().nth(k).unwrap().trim_matches('.').to_owned()
+    }
+    assert!(row(24, &picture).starts_with('r') && row(24, &picture).ends_with('g'), "{picture}");
+    assert!(row(35, &picture).starts_with('b') && row(35, &picture).ends_with('w'), "{picture}");
     // In perspective the near half of the board is wider than the far one.
-    let red = row(24).chars().filter(|&c| c == 'r').count();
-    let green = row(24).chars().filter(|&c| c == 'g').count();
+    let red = row(24, &picture).chars().filter(|&c| c == 'r').count();
+    let green = row(24, &picture).chars().filter(|&c| c == 'g').count();
     assert!(red > green, "{red} {green}");
 }
 
 /// A wavy sheet of `n` x `n` squares.
 fn waves(n: u32) -> Mesh {
-    let at = |k: u32| {
-        let (x, y) = (f64::from(k % (n + 1)) / f64::from(n), f64::from(k / (n + 1)) / f64::from(n));
-        [x, y, 0.1 * libm::sin(20.0 * x) * libm::cos(17.0 * y)]
-    };
-    let square = |k: u32| {
-        let a = k / n * (n + 1) + k % n;
-        [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]
-    };
-    let points = (0..(n + 1) * (n + 1)).map(at).collect::<Vec<_>>();
-    mesh(&points, &(0..n * n).flat_map(square).collect::<Vec<_>>())
+    let points = (0..(n + 1) * (n + 1))
+        .map(|k: u32| {
+            let (x, y) =
+                (f64::from(k % (n + 1)) / f64::from(n), f64::from(k / (n + 1)) / f64::from(n));
+            [x, y, 0.1 * libm::sin(20.0 * x) * libm::cos(17.0 * y)]
+        })
+        .collect::<Vec<_>>();
+    mesh(
+        &points,
+        &(0..n * n)
+            .flat_map(|k: u32| {
+                let a = k / n * (n + 1) + k % n;
+                [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]
+            })
+            .collect::<Vec<_>>(),
+    )
 }
 
 #[test]
@@ -184,12 +204,12 @@ fn a_sheet_has_no_cracks() {
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let sheet = waves(150);
-    let with = |threads| {
+    fn with(threads: usize, sheet: &Mesh) -> Image {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| render(&sheet, &View { size: [90, 83], yaw: 30.0, ..View::front() }))
-    };
-    let one = with(1);
-    assert_eq!([with(2), with(8)], [one.clone(), one]);
+        pool.install(|| render(sheet, &View { size: [90, 83], yaw: 30.0, ..View::front() }))
+    }
+    let one = with(1, &sheet);
+    assert_eq!([with(2, &sheet), with(8, &sheet)], [one.clone(), one]);
 }
 
 #[test]
@@ -225,7 +245,9 @@ fn wild_numbers_do_no_harm() {
 
 #[test]
 fn each_face_shows_the_picture_or_the_color_of_its_material() {
-    let at = |x: f64, y: f64| [x, y, 0.];
+    fn at(x: f64, y: f64) -> [f64; 3] {
+        [x, y, 0.]
+    }
     let places = [at(0., 0.), at(4., 0.), at(8., 0.), at(8., 8.), at(4., 8.), at(0., 8.)];
     let mesh = mesh(&places, &[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
     // The picture is green on its left half, and goes on beyond its border.
@@ -271,41 +293,45 @@ fn lines_are_drawn_with_the_faces_that_they_belong_to_and_faces_alone_as_ever() 
     let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
     assert_eq!(alone, render(&mesh, &view));
     // In front of the square, behind it, and in front of it in the other axes.
-    let line = |z, axes| line([[0., 4., z], [8., 4., z]], axes);
+    fn line_at(z: f64, axes: Axes) -> Layer {
+        line([[0., 4., z], [8., 4., z]], axes)
+    }
     let seen = |line| {
         let picture = render_layers(&[faces.clone(), line], &view).unwrap();
         picture.pixels().iter().zip(alone.pixels()).filter(|(a, b)| a != b).count()
     };
-    assert!(seen(line(1., Axes::Upright)) > 300);
-    assert_eq!(seen(line(-1., Axes::Upright)), 0);
-    assert!(seen(self::line([[0., -4., -1.], [8., -4., -1.]], Axes::Sensor)) > 300);
+    assert!(seen(line_at(1., Axes::Upright)) > 300);
+    assert_eq!(seen(line_at(-1., Axes::Upright)), 0);
+    assert!(seen(line([[0., -4., -1.], [8., -4., -1.]], Axes::Sensor)) > 300);
 }
 
 #[test]
 fn a_view_aims_at_a_place_or_fits_a_box() {
-    let middle = |view: &View| {
+    fn middle(view: &View) -> char {
         let picture = render(&signpost(), view);
         draw(&picture).chars().nth(31 * 15 + 15).unwrap()
-    };
-    let share = |view: &View, color: char| {
+    }
+    fn share(view: &View, color: char) -> usize {
         let picture = draw(&render(&signpost(), view));
         picture.chars().filter(|&c| c == color).count()
-    };
+    }
     for projection in [Projection::Orthographic, Projection::Perspective] {
         let whole = View { projection, ..view(30, 30) };
-        let at = |aim| View { aim: Some(aim), ..whole };
-        let place = at(Aim::Place(Point3::new(6., 2., 0.)));
+        fn at(aim: Aim, whole: &View) -> View {
+            View { aim: Some(aim), ..*whole }
+        }
+        let place = at(Aim::Place(Point3::new(6., 2., 0.)), &whole);
         assert_eq!(middle(&place), 'g');
         assert!(share(&place, 'g').abs_diff(share(&whole, 'g')) < 20, "no larger than before");
         let green = Aim::around([[4., 0., 0.], [f64::NAN; 3], [8., 4., 0.]].map(Point3::from));
-        let fits = at(green.unwrap());
+        let fits = at(green.unwrap(), &whole);
         assert!(share(&fits, 'g') > 700, "{}", draw(&render(&signpost(), &fits)));
         assert!(share(&View { zoom: 0.5, ..fits }, 'g').abs_diff(share(&fits, 'g') / 4) < 30);
         // A box behind and before all there is, and nothing at all.
         for z in [-1e3, 1e3, 1e300, f64::NAN] {
             let (low, high) = (Point3::new(0., 0., z), Point3::new(1., 1., z));
-            render(&signpost(), &at(Aim::Box(low, high)));
-            render(&mesh(&[], &[]), &at(Aim::Place(low)));
+            render(&signpost(), &at(Aim::Box(low, high), &whole));
+            render(&mesh(&[], &[]), &at(Aim::Place(low), &whole));
         }
     }
     assert_eq!(Aim::around([Point3::new(0., f64::INFINITY, 0.)]), None);
@@ -313,12 +339,16 @@ fn a_view_aims_at_a_place_or_fits_a_box() {
 
 /// Rows of letters: the background, white, and a color.
 fn drawn(rows: &[&str]) -> Layer {
-    let color = |letter: u8| match letter {
-        b'.' => PLAIN,
-        b'w' => [255; 3],
-        _ => GREEN,
-    };
-    let pixels = Vec::from_iter(rows.iter().flat_map(|row| row.bytes().map(color)));
+    let pixels: Vec<_> = rows
+        .iter()
+        .flat_map(|row| {
+            row.bytes().map(|letter: u8| match letter {
+                b'.' => PLAIN,
+                b'w' => [255; 3],
+                _ => GREEN,
+            })
+        })
+        .collect();
     let image = Image::new(rows[0].len(), rows.len(), pixels).unwrap();
     Layer::Picture(Picture { image, registration: None, drawn: true })
 }
@@ -327,38 +357,43 @@ fn drawn(rows: &[&str]) -> Layer {
 fn a_region_lies_on_its_capture_with_an_outline_and_the_rest_is_dark() {
     let capture = Image::new(8, 6, vec![[200, 100, 60]; 48]).unwrap();
     let registration = Some(Registration { scale: [2.0; 2], offset: [2.0; 2], picture: [8, 6] });
-    let on = |layer: Layer, registration| {
-        let below = Some(Below { image: &capture, registration });
+    fn on(layer: Layer, registration: Option<Registration>, capture: &Image) -> Image {
+        let below = Some(Below { image: capture, registration });
         picture(&[layer], &Look { below, ..Look::own() }).unwrap()
-    };
-    let letters = |image: &Image| {
-        let letter = |pixel: &Rgb| match pixel {
-            [200, 100, 60] => '#',
-            [255, 220, 40] => 'o',
-            [70, 35, 21] => '.',
-            [0, 255, 0] => 'g',
-            _ => '?',
-        };
+    }
+    fn letters(image: &Image) -> String {
         let rows = image.pixels().chunks(image.width());
-        rows.map(|row| row.iter().map(letter).chain(['\n']).collect::<String>()).collect::<String>()
-    };
+        rows.map(|row| {
+            row.iter()
+                .map(|pixel| match pixel {
+                    [200, 100, 60] => '#',
+                    [255, 220, 40] => 'o',
+                    [70, 35, 21] => '.',
+                    [0, 255, 0] => 'g',
+                    _ => '?',
+                })
+                .chain(['\n'])
+                .collect::<String>()
+        })
+        .collect::<String>()
+    }
     let region = ["....", ".ww.", ".ww."];
     let expected = ["........", "........", "..oooo..", "..o##o..", "..o##o..", "..o##o.."];
-    assert_eq!(letters(&on(drawn(&region), None)), expected.join("\n") + "\n");
+    assert_eq!(letters(&on(drawn(&region), None, &capture)), expected.join("\n") + "\n");
     let expected = ["........", "........", "........", "...oooo.", "...o##o.", "...o##o."];
-    assert_eq!(letters(&on(drawn(&region), registration)), expected.join("\n") + "\n");
+    assert_eq!(letters(&on(drawn(&region), registration, &capture)), expected.join("\n") + "\n");
     // A label has lines of its own color around it, and tints what is inside.
-    let label = letters(&on(drawn(&["....", "gggg", "gggg"]), None));
+    let label = letters(&on(drawn(&["....", "gggg", "gggg"]), None, &capture));
     assert_eq!(label.lines().nth(2), Some("gggggggg"), "{label}");
     assert_eq!(label.lines().nth(4), Some("????????"), "{label}");
 }
 
 #[test]
 fn a_flat_picture_fits_into_a_size() {
-    let fitted = |rows: &[&str], size| {
+    fn fitted(rows: &[&str], size: [usize; 2]) -> Image {
         let look = Look { view: View { size, ..View::front() }, kind: Kind::Fitted, below: None };
         picture(&[drawn(rows)], &look).unwrap()
-    };
+    }
     let wide = fitted(&["wg", "gw"], [8, 4]);
     assert_eq!(["..wwgg..", "..wwgg..", "..ggww..", "..ggww.."], letters_of(&wide)[..]);
     let small = fitted(&["ww....", "ww...."], [3, 3]);
@@ -367,12 +402,19 @@ fn a_flat_picture_fits_into_a_size() {
 }
 
 fn letters_of(image: &Image) -> Vec<String> {
-    let letter = |&pixel: &Rgb| match pixel {
-        PLAIN => '.',
-        GREEN => 'g',
-        _ => 'w',
-    };
-    image.pixels().chunks(image.width()).map(|row| row.iter().map(letter).collect()).collect()
+    image
+        .pixels()
+        .chunks(image.width())
+        .map(|row| {
+            row.iter()
+                .map(|&pixel| match pixel {
+                    PLAIN => '.',
+                    GREEN => 'g',
+                    _ => 'w',
+                })
+                .collect()
+        })
+        .collect()
 }
 
 #[test]

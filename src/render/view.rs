@@ -36,8 +36,8 @@ pub enum Aim {
 impl Aim {
     /// Aims at the box around some places, those that are not finite left out; none if there is no other.
     pub fn around(places: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
-        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
-        let places = Vec::from_iter(places.into_iter().filter(is_finite));
+        let places: Vec<_> =
+            places.into_iter().filter(|place| place.coords.iter().all(|x| x.is_finite())).collect();
         maquette_value::bounds(places.iter()).map(|(low, high)| Self::Box(low, high))
     }
 }

@@ -69,7 +69,8 @@ impl<'t> Brackets<'t> {
     /// A name tells which bracket it belongs to: texts name entries of maps, and words name fields of calls.
     pub(super) fn of(repair: &'t Repair, text: &'t str) -> Self {
         use SyntaxKind::{Colon, Comma, LBrace, LBracket, LParen};
-        let tokens = Vec::from_iter(raw_tokens(&repair.text).filter(|(kind, _)| !kind.is_trivia()));
+        let tokens: Vec<_> =
+            raw_tokens(&repair.text).filter(|(kind, _)| !kind.is_trivia()).collect();
         let (edits, doubtful, wrong, open) = Default::default();
         let mut it = Self { repair, text, tokens, edits, doubtful, wrong, open };
         let is_sweep = first_word(&repair.text) == "Sweep";

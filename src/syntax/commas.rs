@@ -34,7 +34,9 @@ pub fn commas_behind(text: &str) -> Cow<'_, str> {
 
 /// The comma with the spaces behind it, or its whole line if nothing else is there.
 fn removed(text: &str, comma: Span) -> Span {
-    let spaces = |text: &str| text.len() - text.trim_start_matches([' ', '\t', '\r']).len();
+    fn spaces(text: &str) -> usize {
+        text.len() - text.trim_start_matches([' ', '\t', '\r']).len()
+    }
     let end = comma.end + spaces(&text[comma.end..]);
     let line = text[..comma.start].rfind('\n').map_or(0, |newline| newline + 1);
     match text[line..comma.start].trim().is_empty() && text[end..].starts_with('\n') {
@@ -205,7 +207,9 @@ mod tests {
 
     #[test]
     fn comments_behind_a_leading_comma_stay_below_it() {
-        let check = |text, expected: &str| assert_eq!(commas_behind(text), expected, "{text}");
+        fn check(text: &str, expected: &str) {
+            assert_eq!(commas_behind(text), expected, "{text}")
+        }
         check("(a: 1\n, // above b\n  b: 2)", "(a: 1,\n// above b\n  b: 2)");
         check("(a: 1 // behind a\n,\n  b: 2)", "(a: 1, // behind a\n  b: 2)");
         check("[1\r\n , 2\r\n , 3]", "[1,\r\n 2,\r\n 3]");

@@ -311,12 +311,18 @@ mod tests {
     fn around(text: &str) -> String {
         let at = text.find('|').unwrap();
         let found = cursor(&text.replacen('|', "", 1), at);
-        let name = |name: &Option<Name>| name.as_ref().map_or("", |name| &name.text).to_owned();
-        let frame = |frame: &Frame| {
-            let (owner, field) = (name(&frame.name), name(&frame.field));
-            format!("{owner}{}{field}#{}", frame.bracket, frame.index)
-        };
-        let frames = Vec::from_iter(found.frames.iter().map(frame)).join(" ");
+        fn name(name: &Option<Name>) -> String {
+            name.as_ref().map_or("", |name| &name.text).to_owned()
+        }
+        let frames = found
+            .frames
+            .iter()
+            .map(|frame| {
+                let (owner, field) = (name(&frame.name), name(&frame.field));
+                format!("{owner}{}{field}#{}", frame.bracket, frame.index)
+            })
+            .collect::<Vec<_>>()
+            .join(" ");
         let span = found.typed.span;
         let text = text.replacen('|', "", 1);
         format!("{frames} {:?} `{}`", found.typed.kind, &text[span.start..span.end])
@@ -324,7 +330,9 @@ mod tests {
 
     #[test]
     fn what_is_open_is_known_however_the_text_ends() {
-        let check = |text: &str, expected: &str| assert_eq!(around(text), expected, "{text}");
+        fn check(text: &str, expected: &str) {
+            assert_eq!(around(text), expected, "{text}")
+        }
         check("|", " Nothing ``");
         check("Gra|", " Word `Gra`");
         check("Graph(|", "Graph(#0 Nothing ``");

@@ -36,12 +36,16 @@ impl ReadText {
         if mistakes.is_empty() {
             return Self { tree: Some(tree), mistakes, doubts: None };
         }
-        let name = |tree: &Tree| tree.name().map(|name| name.text.clone());
-        let is_wanted = |it: &Recovered| name(&it.tree).is_some_and(|it| wanted.contains(&&it[..]));
+        fn name(tree: &Tree) -> Option<String> {
+            tree.name().map(|name| name.text.clone())
+        }
+        fn is_wanted(it: &Recovered, wanted: &[&str]) -> bool {
+            name(&it.tree).is_some_and(|it| wanted.contains(&&it[..]))
+        }
         let Some(found) = recovered(text, &mistakes) else {
             return Self { tree: None, mistakes, doubts: Some(Doubts::default()) };
         };
-        if !is_wanted(&found) {
+        if !is_wanted(&found, wanted) {
             return Self { tree: None, mistakes: found.mistakes, doubts: Some(Doubts::default()) };
         }
         let Recovered { tree, mistakes, doubtful } = found;
@@ -65,16 +69,21 @@ impl Doubts {
 
     /// Returns true if an error may be there only because a part of its text cannot be read.
     pub fn cover(&self, code: &str, (source, span): (&Source, Span), message: &str) -> bool {
-        let is_in = |(of, part): &(Arc<Source>, Span)| {
-            std::ptr::eq(Arc::as_ptr(of), source) && overlaps(*part, span)
-        };
-        let lacks = |name: &String| {
-            message.strip_prefix(&name[..]).is_some_and(|rest| rest.starts_with(' '))
-        };
         match code {
             code::SYNTAX => false,
-            _ if self.parts.iter().any(is_in) => true,
-            code::MISSING_FIELD if self.cut.iter().any(lacks) => true,
+            _ if self.parts.iter().any(|(of, part)| {
+                std::ptr::eq(Arc::as_ptr(of), source) && overlaps(*part, span)
+            }) =>
+            {
+                true
+            }
+            code::MISSING_FIELD
+                if self.cut.iter().any(|name| {
+                    message.strip_prefix(&name[..]).is_some_and(|rest| rest.starts_with(' '))
+                }) =>
+            {
+                true
+            }
             code::UNKNOWN_LINK | code::UNKNOWN_NODE | code::EXPRESSION | code::MISSING_FIELD => {
                 let quoted = message.split('`').skip(1).step_by(2);
                 let is_known =
@@ -93,7 +102,10 @@ impl Doubts {
 
 /// The names in some parts of a text.
 fn names_in<'t>(text: &'t str, parts: &'t [Span]) -> impl Iterator<Item = &'t str> {
-    let is_part = |c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-'));
     let parts = parts.iter().filter_map(|span| text.get(span.start..span.end));
-    parts.flat_map(move |part| part.split(is_part)).filter(|name| !name.is_empty())
+    parts
+        .flat_map(move |part| {
+            part.split(|c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-')))
+        })
+        .filter(|name| !name.is_empty())
 }

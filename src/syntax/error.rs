@@ -210,10 +210,10 @@ pub struct Problem {
 
 /// Returns the problems of a check and of a run that followed it. What the check warns of and the run reports as an error is there once.
 pub fn with_those_of_run(mut checked: Vec<Problem>, run: Vec<Problem>) -> Vec<Problem> {
-    let again = |problem: &Problem| {
+    fn again(problem: &Problem, run: &[Problem]) -> bool {
         run.iter().any(|other| Problem { severity: problem.severity, ..other.clone() } == *problem)
-    };
-    checked.retain(|problem| !again(problem));
+    }
+    checked.retain(|problem| !again(problem, &run));
     checked.extend(run);
     checked
 }
@@ -314,31 +314,38 @@ impl Problem {
     /// `name` and a place, `at`.
     pub fn to_json(&self) -> serde_json::Value {
         let file = self.source.name.display().to_string();
-        let place = |span: Span, mut json: serde_json::Value| {
-            let [start, end] = [span.start, span.end].map(|at| Place::of(&self.source.text, at));
+        fn place(
+            span: Span,
+            mut json: serde_json::Value,
+            source: &Arc<Source>,
+        ) -> serde_json::Value {
+            let [start, end] = [span.start, span.end].map(|at| Place::of(&source.text, at));
             let numbers = [start.line, start.column, end.line, end.column];
             for (name, number) in ["line", "column", "end_line", "end_column"].iter().zip(numbers) {
                 json[name] = number.into();
             }
             json
-        };
+        }
         let (severity, code) = (self.severity.word(), self.code);
         let (message, help) = (&self.message, &self.help);
         let json = json!({ "severity": severity, "code": code, "file": file, "message": message, "help": help });
-        let mut json = place(self.span, json);
+        let mut json = place(self.span, json, &self.source);
         if let Some((span, words)) = &self.note {
-            json["note"] = place(*span, json!({ "file": file, "message": words }));
+            json["note"] = place(*span, json!({ "file": file, "message": words }), &self.source);
         }
         if !self.fix.is_empty() {
-            let edit = |(span, text): &(Span, String)| place(*span, json!({ "text": text }));
-            json["fix"] = self.fix.iter().map(edit).collect();
+            json["fix"] = self
+                .fix
+                .iter()
+                .map(|(span, text)| place(*span, json!({ "text": text }), &self.source))
+                .collect();
         }
         if !self.uses.is_empty() {
             json["uses"] = self.uses.iter().map(Use::to_json).collect();
         }
         if !self.elements.is_empty() {
-            let element = |(name, at): &(String, [f64; 3])| json!({ "name": name, "at": at });
-            json["elements"] = self.elements.iter().map(element).collect();
+            json["elements"] =
+                self.elements.iter().map(|(name, at)| json!({ "name": name, "at": at })).collect();
         }
         json
     }
@@ -357,8 +364,8 @@ mod tests {
     }
     #[test]
     fn places_are_those_that_problems_have() {
-        let source = |text: &str| Arc::new(Source { name: "a.ron".into(), text: text.into() });
-        let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"].map(source);
+        let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"]
+            .map(|text| Arc::new(Source { name: "a.ron".into(), text: text.into() }));
         let mut lines = Lines::default();
         for source in &texts {
             let bytes = 0..=source.text.len();

@@ -69,9 +69,12 @@ impl<'a> Expected<'a> {
 
     /// Whether it is written in parentheses, as a vector is, with numbers alone.
     pub fn is_tuple(&self) -> bool {
-        let count = |name: &str| self.schema.get(name).and_then(Json::as_u64);
+        fn count(name: &str, schema: &Json) -> Option<u64> {
+            schema.get(name).and_then(Json::as_u64)
+        }
         let is_fixed = self.schema.get("prefixItems").is_some()
-            || count("minItems").is_some() && count("minItems") == count("maxItems");
+            || count("minItems", &self.schema).is_some()
+                && count("minItems", &self.schema) == count("maxItems", &self.schema);
         is_fixed && self.item(0).is_some_and(|item| item.is_number())
     }
 

@@ -48,7 +48,9 @@ pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)>
 /// The first word, bracket or sign of a text, which tells what it holds.
 pub fn first_word(text: &str) -> &str {
     use SyntaxKind::{BlockComment, Bom, LineComment, Whitespace};
-    let is_trivia = |kind| matches!(kind, Bom | Whitespace | LineComment | BlockComment);
+    fn is_trivia(kind: SyntaxKind) -> bool {
+        matches!(kind, Bom | Whitespace | LineComment | BlockComment)
+    }
     let first = raw_tokens(text).find(|(kind, _)| !is_trivia(*kind));
     first.map_or("", |(_, at)| &text[at.start..at.end])
 }
@@ -145,7 +147,9 @@ pub fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         mistakes.extend(unclosed);
     }
     if let Some((_, last)) = tokens.last().filter(|_| is_swallowed) {
-        let is_of_end = |it: &Mistake| [NO_END, OPEN_COMMENT].contains(&&it.message[..]);
+        fn is_of_end(it: &Mistake) -> bool {
+            [NO_END, OPEN_COMMENT].contains(&&it.message[..])
+        }
         if mistakes.iter().any(is_of_end) {
             mistakes.retain(|mistake| mistake.span.start < last.start || is_of_end(mistake));
         }
@@ -175,9 +179,9 @@ fn is_known_extension(node: &SyntaxNode) -> bool {
 /// Spaces that are none in RON, and comments without an end. A mark of the byte order at the start, which editors put there, is
 /// no part of the text.
 fn strange_spaces(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
-    let is_space = |c: char| {
+    fn is_space(c: char) -> bool {
         c.is_ascii_whitespace() || "\u{b}\u{85}\u{200e}\u{200f}\u{2028}\u{2029}".contains(c)
-    };
+    }
     let mut mistakes = Vec::new();
     for &(kind, at) in tokens {
         let piece = &text[at.start..at.end];
@@ -287,7 +291,9 @@ fn explain(text: &str, found: Span, message: &str) -> Mistake {
             help: "a file holds one `Graph(..)` and nothing behind it".into(),
         };
     } else if message.contains("delimited group") {
-        let begins_value = |c: char| c.is_alphanumeric() || "\"'([{-+_".contains(c);
+        fn begins_value(c: char) -> bool {
+            c.is_alphanumeric() || "\"'([{-+_".contains(c)
+        }
         match found_text.starts_with(begins_value) {
             true => (
                 format!("there is no comma before `{}`", cut(found_text)),
@@ -329,7 +335,7 @@ pub(super) const ONE_TOO_MANY: &str = "is it one too many?";
 fn wrong_separators(tokens: &[(SyntaxKind, Span)], root: &SyntaxNode) -> Vec<Mistake> {
     use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let extensions = root.children().filter(|node| node.kind() == SyntaxKind::ExtensionAttr);
-    let extensions = Vec::from_iter(extensions.map(|node| span(node.text_range())));
+    let extensions: Vec<_> = extensions.map(|node| span(node.text_range())).collect();
     let is_in_extension =
         |at: Span| extensions.iter().any(|it| it.start <= at.start && at.end <= it.end);
     let mut before = None;
@@ -363,11 +369,13 @@ fn wrong_separators(tokens: &[(SyntaxKind, Span)], root: &SyntaxNode) -> Vec<Mis
 /// The parenthesis, bracket or brace that is not closed, or closed by another one.
 fn unclosed(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<Mistake> {
     use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
-    let closer = |open| match open {
-        LParen => (RParen, ')'),
-        LBracket => (RBracket, ']'),
-        _ => (RBrace, '}'),
-    };
+    fn closer(open: SyntaxKind) -> (SyntaxKind, char) {
+        match open {
+            LParen => (RParen, ')'),
+            LBracket => (RBracket, ']'),
+            _ => (RBrace, '}'),
+        }
+    }
     let mut open: Vec<(SyntaxKind, Span)> = Vec::new();
     for &(kind, at) in tokens {
         if matches!(kind, LParen | LBracket | LBrace) {
@@ -398,7 +406,9 @@ fn unclosed(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<Mistake> {
 /// The parenthesis that is missing, put at the end of the line where it was opened if the next line begins no deeper: there it ends.
 pub(super) fn closing(text: &str, opened: Span, closer: char) -> Help {
     let words = format!("put a `{closer}` where it ends");
-    let depth = |line: &str| line.len() - line.trim_start().len();
+    fn depth(line: &str) -> usize {
+        line.len() - line.trim_start().len()
+    }
     let start = text[..opened.start].rfind('\n').map_or(0, |newline| newline + 1);
     let mut lines = text[start..].lines();
     let line = lines.next().unwrap_or_default();

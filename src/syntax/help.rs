@@ -83,11 +83,13 @@ impl Help {
             Some(Fix::Edits(edits)) => edits.clone(),
             Some(Fix::Rename { from, to }) => {
                 let found = only(text.get(span.start..span.end).unwrap_or_default(), from);
-                let edit = |at: usize| {
-                    let start = span.start + at;
-                    (Span { start, end: start + from.len() }, to.clone())
-                };
-                found.map(edit).into_iter().collect()
+                found
+                    .map(|at: usize| {
+                        let start = span.start + at;
+                        (Span { start, end: start + from.len() }, to.clone())
+                    })
+                    .into_iter()
+                    .collect()
             }
         }
     }
@@ -103,12 +105,13 @@ impl Help {
 
 /// Where a name stands in a text, if it does so once.
 fn only(text: &str, name: &str) -> Option<usize> {
-    let is_part = |c: char| c.is_alphanumeric() || c == '_';
-    let is_name = |at: &usize| {
+    fn is_part(c: char) -> bool {
+        c.is_alphanumeric() || c == '_'
+    }
+    let mut found = text.match_indices(name).map(|(at, _)| at).filter(|at| {
         let (before, behind) = (&text[..*at], &text[at + name.len()..]);
         !before.ends_with(is_part) && !behind.starts_with(is_part)
-    };
-    let mut found = text.match_indices(name).map(|(at, _)| at).filter(is_name);
+    });
     found.next().filter(|_| !name.is_empty() && found.next().is_none())
 }
 
@@ -142,11 +145,13 @@ mod tests {
 
     #[test]
     fn a_name_is_replaced_where_it_stands_once() {
-        let edits = |text: &str, from: &str| {
+        fn edits(text: &str, from: &str) -> Vec<(Span, String)> {
             let span = Span { start: 1, end: text.len() };
             Help::rename(String::new(), from, "doll").edits(text, span)
-        };
-        let edit = |start, end| vec![(Span { start, end }, "doll".to_owned())];
+        }
+        fn edit(start: usize, end: usize) -> Vec<(Span, String)> {
+            vec![(Span { start, end }, "doll".to_owned())]
+        }
         assert_eq!(edits("(\"dol\")", "dol"), edit(2, 5));
         assert_eq!(edits("(\"dol.dolly\")", "dol"), edit(2, 5));
         assert_eq!(edits("(\"dol.dol\")", "dol"), [], "nobody knows which");

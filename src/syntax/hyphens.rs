@@ -17,9 +17,10 @@ pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<
         let token = Token::of(kind);
         let before = last.replace((token, at));
         let (Token::Colon, Some((Token::Word, word))) = (token, before) else { continue };
-        let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
         let name = &text[..word.end];
-        let name = &name[name.trim_end_matches(is_part).len()..];
+        let name = &name[name
+            .trim_end_matches(|c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'))
+            .len()..];
         if name.len() <= word.end - word.start
             || !name.starts_with(|c: char| c.is_ascii_lowercase())
         {

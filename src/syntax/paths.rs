@@ -23,7 +23,7 @@ pub enum PathProblem {
 
 /// Whether a graph may read `given`, which stands for `resolved`; looks only at names, opens nothing.
 pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
-    let outside = |what: &str| {
+    fn outside(what: &str, given: &str, roots: &[PathBuf]) -> PathProblem {
         PathProblem::Outside {
         message: format!("`{given}` {what} outside of the project"),
         help: format!(
@@ -32,19 +32,21 @@ pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), P
         )
         .into(),
     }
-    };
+    }
     if Path::new(given).is_absolute() {
         return Err(PathProblem::Outside {
             message: format!("`{given}` is an absolute path, which leads outside of the project"),
             help: "write the path relative to the graph's file".into(),
         });
     }
-    let inside = |path: &Path| roots.iter().any(|root| path.starts_with(root));
-    if !inside(&without_dots(resolved)) {
-        return Err(outside("lies"));
+    fn inside(path: &Path, roots: &[PathBuf]) -> bool {
+        roots.iter().any(|root| path.starts_with(root))
+    }
+    if !inside(&without_dots(resolved), roots) {
+        return Err(outside("lies", given, roots));
     }
     match std::fs::canonicalize(resolved) {
-        Ok(real) if !inside(&real) => Err(outside("is a link to a file")),
+        Ok(real) if !inside(&real, roots) => Err(outside("is a link to a file", given, roots)),
         Ok(real) if !real.is_file() => Err(PathProblem::Missing {
             message: format!("`{given}` is not a file"),
             help: Help::default(),
@@ -108,7 +110,7 @@ pub fn path_between(folder: &Path, file: &Path) -> String {
     let up = folder.components().skip(common).map(|_| "..".to_owned());
     let down = file.components().skip(common);
     let down = down.map(|part| part.as_os_str().to_string_lossy().into_owned());
-    Vec::from_iter(up.chain(down)).join("/")
+    up.chain(down).collect::<Vec<_>>().join("/")
 }
 
 /// A path as it is told to others: from the root of the project on, or its last name alone where it lies elsewhere.
@@ -124,11 +126,10 @@ pub fn within(root: &Path, path: &Path) -> String {
 
 /// Whether an output's name stays in the folder of outputs.
 pub fn stays_inside(name: &str) -> bool {
-    let normal = |part| matches!(part, Component::Normal(_));
     !name.is_empty()
         && !name.contains(['\\', '\0'])
         && !name.ends_with('/')
-        && Path::new(name).components().all(normal)
+        && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
 }
 
 #[cfg(test)]

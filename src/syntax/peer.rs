@@ -8,9 +8,9 @@ use super::{Body, Kind, Tree, parse};
 
 /// Whether `ron` reads the same. Its untyped values have no names of calls and words.
 fn is_same(tree: &Tree, value: &Value) -> bool {
-    let all = |items: &[Tree], values: &[Value]| {
+    fn all(items: &[Tree], values: &[Value]) -> bool {
         items.len() == values.len() && items.iter().zip(values).all(|(a, b)| is_same(a, b))
-    };
+    }
     match (&tree.kind, value) {
         (Kind::Number { value, .. }, Value::Number(number)) => *value == number.into_f64(),
         (Kind::Bool(a), Value::Bool(b)) => a == b,
@@ -79,8 +79,10 @@ fn with_named_paths(text: &str) -> String {
 
 fn corpus() -> Vec<String> {
     fn collect(folder: &Path, texts: &mut Vec<String>) {
-        let mut paths =
-            Vec::from_iter(std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
+        let mut paths = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .collect::<Vec<_>>();
         paths.sort();
         for path in paths {
             if path.is_dir() {
@@ -114,21 +116,21 @@ fn spoiled(text: &str, case: u64) -> String {
         "'", "()", "+",
     ];
     let mut state = case;
-    let mut below = |bound: usize| {
+    fn below(bound: usize, state: &mut u64) -> usize {
         // Steele, Lea, Flood, *Fast splittable pseudorandom number generators* (2014): SplitMix64.
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *state;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         ((z ^ (z >> 31)) % bound as u64) as usize
-    };
-    let mut chars = Vec::from_iter(text.chars());
-    for _ in 0..=below(3) {
-        let at = below(chars.len() + 1);
-        let end = (at + below(10)).min(chars.len());
-        match below(3) {
+    }
+    let mut chars: Vec<_> = text.chars().collect();
+    for _ in 0..=below(3, &mut state) {
+        let at = below(chars.len() + 1, &mut state);
+        let end = (at + below(10, &mut state)).min(chars.len());
+        match below(3, &mut state) {
             0 => drop(chars.drain(at..end)),
-            1 => drop(chars.splice(at..at, PIECES[below(PIECES.len())].chars())),
+            1 => drop(chars.splice(at..at, PIECES[below(PIECES.len(), &mut state)].chars())),
             _ => {
                 let copy = chars[at..end].to_vec();
                 drop(chars.splice(at..at, copy));

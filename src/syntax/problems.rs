@@ -14,10 +14,12 @@ pub fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<P
         return Vec::new();
     }
     let mistakes = recovered(text, &mistakes).map_or(mistakes, |found| found.mistakes);
-    let problem = |Mistake { span, message, help }: Mistake| Problem {
-        fix: help.edits(text, span),
-        help: help.into(),
-        ..Problem::new(Severity::Error, code::SYNTAX, (source.clone(), span), message)
-    };
-    mistakes.into_iter().map(problem).collect()
+    mistakes
+        .into_iter()
+        .map(|Mistake { span, message, help }: Mistake| Problem {
+            fix: help.edits(text, span),
+            help: help.into(),
+            ..Problem::new(Severity::Error, code::SYNTAX, (source.clone(), span), message)
+        })
+        .collect()
 }

@@ -42,19 +42,20 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
         // Whatever else the parser finds follows from them.
         mistakes = strings.iter().map(|(string, _)| no_quote(*string)).collect();
     }
-    let quotes = Vec::from_iter(strings.iter().map(|(_, edit)| edit.clone()));
-    repair.doubt(&Vec::from_iter(quotes.iter().map(|edit| edit.0)));
+    let quotes: Vec<_> = strings.iter().map(|(_, edit)| edit.clone()).collect();
+    repair.doubt(&quotes.iter().map(|edit| edit.0).collect::<Vec<_>>());
     repair.apply(&quotes);
     let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
     // Of several wrong brackets the parser finds the first one.
     if !wrong.is_empty() && !is_swallowed {
-        let is_wrong = |known: &Mistake| wrong.iter().any(|wrong| wrong.span == known.span);
-        mistakes.retain(|known| !is_about_bracket(known) && !is_wrong(known));
-        let known = |wrong: &Mistake| {
-            let known = |known: &&Mistake| is_about_bracket(known) && known.span == wrong.span;
-            found.iter().find(known).cloned()
-        };
-        mistakes.extend(wrong.into_iter().map(|wrong| known(&wrong).unwrap_or(wrong)));
+        fn is_wrong(known: &Mistake, wrong: &[Mistake]) -> bool {
+            wrong.iter().any(|wrong| wrong.span == known.span)
+        }
+        mistakes.retain(|known| !is_about_bracket(known) && !is_wrong(known, &wrong));
+        fn known(wrong: &Mistake, found: &[Mistake]) -> Option<Mistake> {
+            found.iter().find(|known| is_about_bracket(known) && known.span == wrong.span).cloned()
+        }
+        mistakes.extend(wrong.into_iter().map(|wrong| known(&wrong, found).unwrap_or(wrong)));
     }
     repair.doubt(&doubtful);
     repair.apply(&brackets);
@@ -63,36 +64,41 @@ pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful, strange } = Separators::of(&repair.text);
     // What else the parser finds in this text follows from these.
-    let begins = |edit: &Edit| {
-        let rest = &repair.text[edit.0.start..];
-        repair.text.len() - rest.trim_start().len()
-    };
-    let begins = BTreeSet::from_iter(edits.iter().flat_map(|edit| [edit.0.start, begins(edit)]));
-    let moved = |repair: &Repair, mistake: &Mistake| Mistake {
-        span: repair.place(mistake.span),
-        help: mistake.help.clone().moved(|_| None),
-        ..mistake.clone()
-    };
+    fn begins(edit: &Edit, repair_text: &str) -> usize {
+        let rest = &repair_text[edit.0.start..];
+        repair_text.len() - rest.trim_start().len()
+    }
+    let begins = BTreeSet::from_iter(
+        edits.iter().flat_map(|edit| [edit.0.start, begins(edit, &repair.text)]),
+    );
+    fn moved(repair: &Repair, mistake: &Mistake) -> Mistake {
+        Mistake {
+            span: repair.place(mistake.span),
+            help: mistake.help.clone().moved(|_| None),
+            ..mistake.clone()
+        }
+    }
     let hidden = hidden.iter().filter(|mistake| begins.contains(&mistake.span.start));
-    let hidden = Vec::from_iter(hidden.map(|mistake| moved(&repair, mistake)));
+    let hidden: Vec<_> = hidden.map(|mistake| moved(&repair, mistake)).collect();
     let of_brackets = repair.doubtful.len();
     repair.doubt(&strange);
-    let narrow = Vec::from_iter(doubtful.iter().map(|span| repair.place(*span)));
+    let narrow: Vec<_> = doubtful.iter().map(|span| repair.place(*span)).collect();
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
     // A bracket that was guessed in a wrong place leaves pieces that make no sense.
-    let is_misplaced = |mistake: &Mistake| mistake.message.ends_with("has no meaning here");
     if tree.is_broken() || MAX_MISTAKES < left.len() {
         return None;
     }
-    if !brackets.is_empty() && left.iter().any(is_misplaced) {
+    if !brackets.is_empty()
+        && left.iter().any(|mistake| mistake.message.ends_with("has no meaning here"))
+    {
         return None;
     }
     let of_signs = repair.doubtful.len();
-    repair.doubt(&Vec::from_iter(left.iter().map(|mistake| mistake.span)));
+    repair.doubt(&left.iter().map(|mistake| mistake.span).collect::<Vec<_>>());
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
-    let doubtful = Vec::from_iter(doubtful.chain(narrow));
+    let doubtful: Vec<_> = doubtful.chain(narrow).collect();
     // What is misplaced does not follow from itself.
     let left = left.iter().filter(|_| is_hidden).map(|mistake| moved(&repair, mistake));
     let all = hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
@@ -132,9 +138,11 @@ pub(crate) fn overlaps(a: Span, b: Span) -> bool {
 
 fn move_back(tree: &mut Tree, repair: &Repair) {
     tree.span = repair.place(tree.span);
-    let all = |trees: &mut Vec<Tree>| trees.iter_mut().for_each(|tree| move_back(tree, repair));
+    fn all(trees: &mut Vec<Tree>, repair: &Repair) {
+        trees.iter_mut().for_each(|tree| move_back(tree, repair))
+    }
     match &mut tree.kind {
-        Kind::List(items) => all(items),
+        Kind::List(items) => all(items, repair),
         Kind::Map(entries) => entries.iter_mut().for_each(|(key, value)| {
             move_back(key, repair);
             move_back(value, repair);
@@ -144,7 +152,7 @@ fn move_back(tree: &mut Tree, repair: &Repair) {
                 name.span = repair.place(name.span);
             }
             match body {
-                Body::Items(items) => all(items),
+                Body::Items(items) => all(items, repair),
                 Body::Fields(fields) => fields.iter_mut().for_each(|field| {
                     field.name.span = repair.place(field.name.span);
                     move_back(&mut field.value, repair);
@@ -158,7 +166,9 @@ fn move_back(tree: &mut Tree, repair: &Repair) {
 
 /// The entry of a section around a place, such as a node; the field of the graph if it is no section.
 fn entry_around(tree: &Tree, at: Span) -> Option<Span> {
-    let joined = |name: Span, value: &Tree| Span { start: name.start, end: value.span.end };
+    fn joined(name: Span, value: &Tree) -> Span {
+        Span { start: name.start, end: value.span.end }
+    }
     let fields =
         tree.fields()?.iter().map(|field| (joined(field.name.span, &field.value), &field.value));
     let (field, value) = fields.into_iter().find(|(span, _)| overlaps(*span, at))?;
@@ -204,16 +214,16 @@ impl Separators {
         };
         let is_attribute =
             |kind| matches!(kind, SyntaxKind::Hash | SyntaxKind::Bang | SyntaxKind::EnableKw);
-        let tokens = Vec::from_iter(raw_tokens(text).filter(|(kind, _)| !kind.is_trivia()));
+        let tokens: Vec<_> = raw_tokens(text).filter(|(kind, _)| !kind.is_trivia()).collect();
         let mut it = Self::default();
         if tokens.iter().any(|(kind, _)| is_attribute(*kind)) {
             return it;
         }
         // The open brackets, and whether the part that is being read in each has a name.
         let mut open: Vec<(SyntaxKind, bool)> = Vec::new();
-        let name = |open: &mut Vec<(SyntaxKind, bool)>, is_named| {
+        fn name(open: &mut Vec<(SyntaxKind, bool)>, is_named: bool) {
             open.last_mut().into_iter().for_each(|open| open.1 = is_named);
-        };
+        }
         let mut before: Option<SyntaxKind> = None;
         for (index, &(kind, at)) in tokens.iter().enumerate() {
             let next = tokens.get(index + 1).map(|(kind, _)| *kind);
@@ -271,7 +281,9 @@ mod tests {
 
     /// A value as a text.
     fn shown(tree: &Tree) -> String {
-        let all = |trees: &[Tree]| Vec::from_iter(trees.iter().map(shown)).join(", ");
+        fn all(trees: &[Tree]) -> String {
+            trees.iter().map(shown).collect::<Vec<_>>().join(", ")
+        }
         match &tree.kind {
             Kind::Number { value, .. } => value.to_string(),
             Kind::Text(text) | Kind::Word(text) => text.clone(),
@@ -279,7 +291,7 @@ mod tests {
             Kind::Map(entries) => {
                 let entry =
                     |(key, value): &(Tree, Tree)| format!("{}: {}", shown(key), shown(value));
-                format!("{{{}}}", Vec::from_iter(entries.iter().map(entry)).join(", "))
+                format!("{{{}}}", entries.iter().map(entry).collect::<Vec<_>>().join(", "))
             }
             Kind::Call { name, body } => {
                 let fields =
@@ -287,7 +299,7 @@ mod tests {
                 let body = match body {
                     Body::Empty => String::new(),
                     Body::Items(items) => all(items),
-                    Body::Fields(all) => Vec::from_iter(all.iter().map(fields)).join(", "),
+                    Body::Fields(all) => all.iter().map(fields).collect::<Vec<_>>().join(", "),
                 };
                 format!("{}({body})", name.as_ref().map_or("", |name| &name.text))
             }
@@ -392,20 +404,22 @@ mod tests {
             "expected `)`, which closes the `(` at 1:13, found `]`",
             "expected `(` behind `B`, found `[`",
         ];
-        assert_eq!(Vec::from_iter(messages.map(|mistake| mistake.message)), expected);
+        assert_eq!(messages.map(|mistake| mistake.message).collect::<Vec<_>>(), expected);
     }
 
     #[test]
     fn calls_with_a_text_before_their_fields_are_in_order() {
-        let check = |text: &str, right: &str| check(text, &shown(&parse(right).0), &[]);
+        fn check_repair(text: &str, right: &str) {
+            check(text, &shown(&parse(right).0), &[]);
+        }
         let right = "G(u: {\"L\": Graph(\"l.ron\", version: \"1\")}, n: {\"a\": A(x: 1, y: 2)})";
-        check(&right.replace("1, y", "1 y"), right);
-        check(
+        check_repair(&right.replace("1, y", "1 y"), right);
+        check_repair(
             "S(o: Graph(\"a\", version: \"b\"), p: 1], q: 2)",
             "S(o: Graph(\"a\", version: \"b\"), p: 1, q: 2)",
         );
-        check("Sweep(p: (\"m\", z: 1]), q: 2)", "Sweep(p: (\"m\", z: 1), q: 2)");
-        check("S(o: V(\"a\", [1, 2], p: 1)", "S(o: V(\"a\", [1, 2]), p: 1)");
+        check_repair("Sweep(p: (\"m\", z: 1]), q: 2)", "Sweep(p: (\"m\", z: 1), q: 2)");
+        check_repair("S(o: V(\"a\", [1, 2], p: 1)", "S(o: V(\"a\", [1, 2]), p: 1)");
     }
 
     #[test]

@@ -45,7 +45,7 @@ impl Repair {
     }
 
     pub(super) fn doubt(&mut self, spans: &[Span]) {
-        let places = Vec::from_iter(spans.iter().map(|span| self.place(*span)));
+        let places: Vec<_> = spans.iter().map(|span| self.place(*span)).collect();
         self.doubtful.extend(places);
     }
 }

@@ -39,14 +39,20 @@ pub fn ron(value: &Json, schema: &Json, root: &Json) -> String {
 
 fn list(items: &[Json], schema: &Json, root: &Json) -> String {
     let fixed = schema.get("prefixItems").and_then(Json::as_array);
-    let limit = |name: &str| schema.get(name).and_then(Json::as_u64);
-    let is_tuple =
-        fixed.is_some() || limit("minItems").is_some_and(|n| limit("maxItems") == Some(n));
-    let item = |(index, item): (usize, &Json)| {
-        let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
-        ron(item, schema.unwrap_or(&Json::Null), root)
-    };
-    let items = Vec::from_iter(items.iter().enumerate().map(item)).join(", ");
+    fn limit(name: &str, schema: &Json) -> Option<u64> {
+        schema.get(name).and_then(Json::as_u64)
+    }
+    let is_tuple = fixed.is_some()
+        || limit("minItems", schema).is_some_and(|n| limit("maxItems", schema) == Some(n));
+    let items = items
+        .iter()
+        .enumerate()
+        .map(|(index, item)| {
+            let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
+            ron(item, schema.unwrap_or(&Json::Null), root)
+        })
+        .collect::<Vec<_>>()
+        .join(", ");
     if is_tuple { format!("({items})") } else { format!("[{items}]") }
 }
 

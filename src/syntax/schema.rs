@@ -203,7 +203,7 @@ impl Walk<'_> {
             return self.find(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
         };
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
-        let required = Vec::from_iter(required.filter_map(Json::as_str));
+        let required: Vec<_> = required.filter_map(Json::as_str).collect();
         let (mut given, mut meant) = (HashSet::new(), HashSet::<String>::new());
         for Field { name, value } in fields {
             let at_name = Tree::new(name.span, Kind::Broken);
@@ -220,10 +220,12 @@ impl Walk<'_> {
                 }
             } else {
                 let message = format!("{owner} has no field `{}`", name.text);
-                let names = || Vec::from_iter(properties.keys().map(String::as_str));
+                fn names(properties: &Map<String, Json>) -> Vec<&str> {
+                    properties.keys().map(String::as_str).collect::<Vec<_>>()
+                }
                 let port = self.port_for(&name.text, schema);
                 let help = port.unwrap_or_else(|| {
-                    self.guess(|| nearest_or_all(&name.text, "its fields", &names()))
+                    self.guess(|| nearest_or_all(&name.text, "its fields", &names(properties)))
                 });
                 meant.extend(help.meant().map(str::to_owned));
                 self.find(code::UNKNOWN_FIELD, &at_name, message, help);
@@ -251,7 +253,7 @@ impl Walk<'_> {
                 _ => {
                     let schema = schema.map(|schema| resolve(self.root, schema));
                     let choices = schema.as_deref().map(variants).unwrap_or_default();
-                    let choices = Vec::from_iter(choices.into_iter().map(|(choice, _)| choice));
+                    let choices: Vec<_> = choices.into_iter().map(|(choice, _)| choice).collect();
                     let help = match choices.is_empty() {
                         true => format!("write `{name}: ..`"),
                         false => format!("write `{name}: ..` with one of {}", choices.join(", ")),
@@ -407,9 +409,11 @@ impl Walk<'_> {
         if whole && value.fract() != 0.0 {
             return self.wrong(tree, field, "a number without fraction");
         }
-        let limit = |name: &str| schema.get(name).and_then(Json::as_f64);
-        let (min, max) = (limit("minimum"), limit("maximum"));
-        let (above, below) = (limit("exclusiveMinimum"), limit("exclusiveMaximum"));
+        fn limit(name: &str, schema: &Json) -> Option<f64> {
+            schema.get(name).and_then(Json::as_f64)
+        }
+        let (min, max) = (limit("minimum", schema), limit("maximum", schema));
+        let (above, below) = (limit("exclusiveMinimum", schema), limit("exclusiveMaximum", schema));
         let fits = min.is_none_or(|min| min <= value)
             && max.is_none_or(|max| value <= max)
             && above.is_none_or(|above| above < value)
@@ -476,7 +480,7 @@ impl Walk<'_> {
     /// Why a file of this name is none that the node reads, where its field says which these are.
     fn misfit(&self, schema: &Json, name: &str) -> Option<(String, String)> {
         let known = schema.get("endings").and_then(Json::as_array)?;
-        let known = Vec::from_iter(known.iter().filter_map(Json::as_str));
+        let known: Vec<_> = known.iter().filter_map(Json::as_str).collect();
         Path::new(name).file_name()?;
         let ending = ending(Path::new(name));
         if known.contains(&&ending[..]) {
@@ -493,7 +497,7 @@ impl Walk<'_> {
 /// What a port takes, in words: the types of a union, whose own name is nobody's.
 fn taken(port: &Json, wants: &str) -> String {
     let types = port["types"].as_array().into_iter().flatten();
-    let types = Vec::from_iter(types.filter_map(Json::as_str).map(with_article));
+    let types: Vec<_> = types.filter_map(Json::as_str).map(with_article).collect();
     if types.is_empty() { with_article(wants) } else { any_of(types.iter().map(String::as_str)) }
 }
 
@@ -520,14 +524,20 @@ pub fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
 
 /// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
 pub fn as_tree(value: &Json) -> Tree {
-    let fields = |fields: &Map<String, Json>| {
-        let field = |(name, value): (&String, &Json)| Field {
-            name: Name { text: name.clone(), span: Span::default() },
-            value: as_tree(value),
-        };
-        Body::Fields(fields.iter().map(field).collect())
-    };
-    let is_choice = |name: &str| name.starts_with(|c: char| c.is_ascii_uppercase());
+    fn fields(fields: &Map<String, Json>) -> Body {
+        Body::Fields(
+            fields
+                .iter()
+                .map(|(name, value): (&String, &Json)| Field {
+                    name: Name { text: name.clone(), span: Span::default() },
+                    value: as_tree(value),
+                })
+                .collect(),
+        )
+    }
+    fn is_choice(name: &str) -> bool {
+        name.starts_with(|c: char| c.is_ascii_uppercase())
+    }
     let choice = |entries: &'_ Map<String, Json>| match entries.iter().next() {
         Some((name, _)) if entries.len() == 1 && is_choice(name) => Some(name.clone()),
         _ => None,

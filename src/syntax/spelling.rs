@@ -21,21 +21,25 @@ pub fn one_file(what: &str, first: &str, second: &str) -> String {
 
 /// Returns true if two different names look the same.
 pub(crate) fn look_alike(a: &str, b: &str) -> bool {
-    let is_plain = |name: &str| name.bytes().all(|byte| byte.is_ascii_graphic());
+    fn is_plain(name: &str) -> bool {
+        name.bytes().all(|byte| byte.is_ascii_graphic())
+    }
     a != b && !(is_plain(a) && is_plain(b)) && visible(a) == visible(b)
 }
 
 /// How the spelling of `known` differs from that of `given`, by the codes of the characters.
 pub(crate) fn difference(given: &str, known: &str) -> String {
-    let (given, known) = (Vec::from_iter(given.chars()), Vec::from_iter(known.chars()));
+    let (given, known) = (given.chars().collect::<Vec<_>>(), known.chars().collect::<Vec<_>>());
     let begin = given.iter().zip(&known).take_while(|(a, b)| a == b).count();
     let (given, known) = (&given[begin..], &known[begin..]);
     let end = given.iter().rev().zip(known.iter().rev()).take_while(|(a, b)| a == b).count();
-    let codes = |chars: &[char]| {
-        let code = |c: &char| format!("U+{:04X}", u32::from(*c));
-        Vec::from_iter(chars[..chars.len() - end].iter().map(code)).join(" ")
-    };
-    match (codes(given), codes(known)) {
+    fn codes(chars: &[char], end: usize) -> String {
+        Vec::from_iter(
+            chars[..chars.len() - end].iter().map(|c| format!("U+{:04X}", u32::from(*c))),
+        )
+        .join(" ")
+    }
+    match (codes(given, end), codes(known, end)) {
         (given, known) if known.is_empty() => format!("without {given}"),
         (given, known) if given.is_empty() => format!("with {known}"),
         (given, known) => format!("with {known} instead of {given}"),
@@ -84,10 +88,10 @@ mod tests {
 
     #[test]
     fn names_that_look_alike_differ_in_codes() {
-        let check = |given: &str, known: &str, expected: &str| {
+        fn check(given: &str, known: &str, expected: &str) {
             assert!(look_alike(given, known), "{given} {known}");
             assert_eq!(difference(given, known), expected);
-        };
+        }
         check("re\u{200b}d", "red", "without U+200B");
         check("red", "red ", "with U+0020");
         check("caf\u{e9}", "cafe\u{301}", "with U+0065 U+0301 instead of U+00E9");

@@ -35,12 +35,16 @@ fn merged_within(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
         }
         plain => return plain.clone(),
     };
-    let inside = |(key, value): (&String, &Json), open: &mut Vec<String>| {
+    fn inside(
+        (key, value): (&String, &Json),
+        open: &mut Vec<String>,
+        root: &Json,
+    ) -> (String, Json) {
         (key.clone(), merged_within(root, value, open))
-    };
+    }
     let target = schema.get("$ref").and_then(Json::as_str).filter(|_| 1 < entries.len());
     let Some(target) = target else {
-        return entries.iter().map(|entry| inside(entry, open)).collect();
+        return entries.iter().map(|entry| inside(entry, open, root)).collect();
     };
     if open.iter().any(|known| known == target) {
         return schema.clone();
@@ -48,14 +52,16 @@ fn merged_within(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
     open.push(target.to_owned());
     let both = resolve(root, schema);
     let entries = both.as_object().into_iter().flatten();
-    let merged = entries.map(|entry| inside(entry, open)).collect();
+    let merged = entries.map(|entry| inside(entry, open, root)).collect();
     open.pop();
     merged
 }
 
 /// The schema inside an `Option`, if it is one.
 pub fn inside_option(schema: &Json) -> Option<Cow<'_, Json>> {
-    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
+    fn is_null(schema: &Json) -> bool {
+        schema.get("type").and_then(Json::as_str) == Some("null")
+    }
     if let Some(any) = schema.get("anyOf").and_then(Json::as_array) {
         let inner: Vec<&Json> = any.iter().filter(|schema| !is_null(schema)).collect();
         return match inner[..] {
@@ -118,11 +124,15 @@ mod tests {
     #[test]
     fn what_lies_in_a_schema_is_lent() {
         let root = json!({ "$defs": { "Side": { "enum": ["Left", "Right"] } } });
-        let is_lent = |schema: &Json| matches!(inside(schema, &root), Cow::Borrowed(_));
+        fn is_lent(schema: &Json, root: &Json) -> bool {
+            matches!(inside(schema, &root), Cow::Borrowed(_))
+        }
         let [plain, named] = [json!({ "type": "number" }), json!({ "$ref": "#/$defs/Side" })];
-        let option = |inner: &Json| json!({ "anyOf": [inner, { "type": "null" }] });
+        fn option(inner: &Json) -> Json {
+            json!({ "anyOf": [inner, { "type": "null" }] })
+        }
         for schema in [&plain, &named, &option(&plain), &option(&named)] {
-            assert!(is_lent(schema), "{schema}");
+            assert!(is_lent(schema, &root), "{schema}");
         }
         assert_eq!(*inside(&option(&named), &root), root["$defs"]["Side"]);
         assert_eq!(variants(&inside(&named, &root)), [("Left", None), ("Right", None)]);

@@ -54,7 +54,9 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
             }
         }
     }
-    let words = |known: &str| format!("did you mean `{known}`?");
+    fn words(known: &str) -> String {
+        format!("did you mean `{known}`?")
+    }
     match (near, longer) {
         (Some((distance, known)), _) if is_only && distance <= length / 3 => {
             Help::rename(words(known), given, known)
@@ -66,7 +68,7 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
 
 /// The same; if nothing is near, a list of what there is.
 pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
-    let known = Vec::from_iter(known.iter().copied().filter(|known| *known != name));
+    let known: Vec<_> = known.iter().copied().filter(|known| *known != name).collect();
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
         _ if known.is_empty() => Help::default(),
@@ -104,9 +106,9 @@ mod tests {
 
     #[test]
     fn only_the_one_name_that_is_near_is_an_answer() {
-        let meant = |name: &str, known: &[&'static str]| {
+        fn meant(name: &str, known: &[&'static str]) -> Option<String> {
             nearest(name, known.iter().copied()).meant().map(str::to_owned)
-        };
+        }
         assert_eq!(meant("dol", &["doll", "mask"]).as_deref(), Some("doll"));
         assert_eq!(meant("dol", &["doll", "dog"]), None, "either may be meant");
         assert_eq!(meant("dool", &["dog", "doll"]), Some("doll".into()));
@@ -140,8 +142,8 @@ mod tests {
 
     #[test]
     fn a_long_list_of_names_is_cut() {
-        let names = Vec::from_iter((0..1000).map(|k| format!("node-{k}")));
-        let names = Vec::from_iter(names.iter().map(String::as_str));
+        let names: Vec<_> = (0..1000).map(|k| format!("node-{k}")).collect();
+        let names: Vec<_> = names.iter().map(String::as_str).collect();
         let help = nearest_or_all("xyz", "its nodes", &names).to_string();
         assert!(help.ends_with("node-29 and 970 more"), "{help}");
     }

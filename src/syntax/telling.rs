@@ -43,16 +43,16 @@ fn snippet(problem: &Problem) -> Group<'_> {
                 .line_start(Place::of(text, shown.start).line)
                 .path(path.clone())
         };
-        let inside = |span: Span, shown: Span| {
+        fn inside(span: Span, shown: Span, text: &str) -> std::ops::Range<usize> {
             span.start - shown.start..first_line_end(span, text) - shown.start
-        };
+        }
         let shown = both.unwrap_or(shown);
         let mut snippet =
-            part(shown).annotation(AnnotationKind::Primary.span(inside(problem.span, shown)));
+            part(shown).annotation(AnnotationKind::Primary.span(inside(problem.span, shown, text)));
         let mut other = None;
         if let Some((span, words)) = label {
             let context = |shown| {
-                AnnotationKind::Context.span(inside(*span, shown)).label(on_one_line(words))
+                AnnotationKind::Context.span(inside(*span, shown, text)).label(on_one_line(words))
             };
             match (both, shown_lines(text, &[*span])) {
                 (Some(shown), _) => snippet = snippet.annotation(context(shown)),

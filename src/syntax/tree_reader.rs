@@ -35,18 +35,21 @@ impl TreeReader {
                 let name = word(node);
                 self.in_sweep |= name.as_ref().is_some_and(|name| name.text == "Sweep");
                 let unnamed = self.unnamed(name.as_ref());
-                let field = |(nth, field): (usize, SyntaxNode)| match unnamed {
-                    Some(name) if nth == 0 => {
-                        self.text_first(name, &field).or_else(|| self.field(&field))
-                    }
-                    _ => self.field(&field),
-                };
-                let fields = fields.enumerate().filter_map(field).collect();
+                let fields = fields
+                    .enumerate()
+                    .filter_map(|(nth, field): (usize, SyntaxNode)| match unnamed {
+                        Some(name) if nth == 0 => {
+                            self.text_first(name, &field).or_else(|| self.field(&field))
+                        }
+                        _ => self.field(&field),
+                    })
+                    .collect();
                 Kind::Call { name, body: Body::Fields(fields) }
             }
             SyntaxKind::Tuple => {
-                let is_field = |child: &SyntaxNode| child.kind() == SyntaxKind::StructField;
-                if let Some(field) = node.children().find(is_field) {
+                if let Some(field) =
+                    node.children().find(|child| child.kind() == SyntaxKind::StructField)
+                {
                     self.mixed(&field);
                 }
                 Kind::Call { name: word(node), body: Body::Items(self.values(node)) }
@@ -89,12 +92,13 @@ impl TreeReader {
     }
 
     fn field(&mut self, node: &SyntaxNode) -> Option<Field> {
-        let own = |wanted| {
+        fn own(wanted: SyntaxKind, node: &SyntaxNode) -> bool {
             let mut tokens = node.children_with_tokens();
             tokens.any(|part| matches!(part, SyntaxElement::Token(token) if token.kind() == wanted))
-        };
+        }
         let value = node.children().find(|child| is_value(child.kind()));
-        let is_named = own(SyntaxKind::Ident) && (own(SyntaxKind::Colon) || value.is_none());
+        let is_named =
+            own(SyntaxKind::Ident, node) && (own(SyntaxKind::Colon, node) || value.is_none());
         let Some(name) = word(node).filter(|_| is_named) else {
             self.mixed(node);
             return None;
@@ -293,13 +297,15 @@ mod tests {
 
     #[test]
     fn the_path_of_a_use_needs_no_name() {
-        let fields = |text| match kind(text) {
-            Kind::Call { body: Body::Fields(fields), .. } => {
-                let field = |field: Field| (field.name.text, field.value.kind);
-                Vec::from_iter(fields.into_iter().map(field))
+        fn fields(text: &str) -> Vec<(String, Kind)> {
+            match kind(text) {
+                Kind::Call { body: Body::Fields(fields), .. } => fields
+                    .into_iter()
+                    .map(|field: Field| (field.name.text, field.value.kind))
+                    .collect::<Vec<_>>(),
+                other => panic!("{other:?}"),
             }
-            other => panic!("{other:?}"),
-        };
+        }
         let short = fields("Graph(\"a.ron\", version: \"2.1\")");
         assert_eq!(short, fields("Graph(path: \"a.ron\", version: \"2.1\")"));
         for wrong in ["Near(\"a\", b: 1)", "Graph(1, b: 1)", "Graph(b: 1, \"a\")"] {

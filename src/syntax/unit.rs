@@ -120,11 +120,13 @@ impl fmt::Display for Unit {
         let part = |sign: i32| {
             let powers =
                 self.0.iter().zip(unit_names()).filter(|(exponent, _)| 0 < **exponent * sign);
-            let power = |(exponent, name): (&i32, &str)| match exponent.abs() {
-                1 => name.to_owned(),
-                exponent => format!("{name}^{exponent}"),
-            };
-            Vec::from_iter(powers.map(power)).join("*")
+            powers
+                .map(|(exponent, name): (&i32, &str)| match exponent.abs() {
+                    1 => name.to_owned(),
+                    exponent => format!("{name}^{exponent}"),
+                })
+                .collect::<Vec<_>>()
+                .join("*")
         };
         match (part(1), part(-1)) {
             (above, below) if below.is_empty() => f.write_str(&above),
@@ -291,7 +293,9 @@ mod tests {
 
     #[test]
     fn products_combine_and_quotients_cancel() {
-        let quantity = |value, text: &str| Quantity { value, unit: unit(text) };
+        fn quantity(value: f64, text: &str) -> Quantity {
+            Quantity { value, unit: unit(text) }
+        }
         let area = quantity(2.0, "cm").times(quantity(30.0, "mm"));
         assert_eq!(area, quantity(6.0, "cm^2"));
         assert_eq!(area.over(quantity(30.0, "mm")), quantity(2.0, "cm"));

@@ -231,10 +231,9 @@ impl Attributes {
 
     /// All of them as columns, whose names begin with `of`.
     pub fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
-        let part = move |(name, attribute): (&'a String, &'a Attribute)| {
+        self.0.iter().map(move |(name, attribute): (&'a String, &'a Attribute)| {
             attribute.part(format!("{of}{name}"), on, name == "normal")
-        };
-        self.0.iter().map(part)
+        })
     }
 
     pub(super) fn insert(

@@ -54,7 +54,7 @@ struct Node {
 impl BoxTree {
     /// The tree of some boxes. Cost grows with n log n.
     pub fn new(boxes: impl Iterator<Item = Bounds>) -> Self {
-        let mut order = Vec::from_iter(boxes.zip(0..));
+        let mut order: Vec<_> = boxes.zip(0..).collect();
         let mut nodes = Vec::new();
         if !order.is_empty() {
             grow(&mut nodes, &mut order, 0);
@@ -84,9 +84,11 @@ fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: usize) {
     nodes.push(Node { bounds, below: 0, own: first..last });
     if count > LEAF {
         let axis = (bounds.high - bounds.low).imax();
-        let middle = |it: &Bounds| it.low[axis] + it.high[axis];
+        fn middle(it: &Bounds, axis: usize) -> f64 {
+            it.low[axis] + it.high[axis]
+        }
         own.select_nth_unstable_by(count / 2, |(a, i), (b, j)| {
-            middle(a).total_cmp(&middle(b)).then(i.cmp(j))
+            middle(a, axis).total_cmp(&middle(b, axis)).then(i.cmp(j))
         });
         let (low, high) = own.split_at_mut(count / 2);
         let behind = first + count / 2;
@@ -109,11 +111,11 @@ mod tests {
 
     #[test]
     fn all_that_overlaps_is_found() {
-        let cube = |k: u32| {
+        fn cube(k: u32) -> Bounds {
             let at =
                 Point3::new(f64::from(k * 7 % 31), f64::from(k * 11 % 17), f64::from(k * 5 % 13));
             Bounds { low: at, high: at + nalgebra::Vector3::repeat(f64::from(k % 4)) }
-        };
+        }
         for count in [0, 1, 4, 5, 200, 2 * FOR_TWO as u32 + 1] {
             let boxes = BoxTree::new((0..count).map(cube));
             for of in (0..30).map(|k| cube(3 * k)) {

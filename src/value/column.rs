@@ -100,10 +100,13 @@ impl<T: Pod + Send + Sync> Column<T> {
     #[must_use]
     pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
         let mut count = 0;
-        let firsts = Vec::from_iter(rows.iter().map(|row| {
-            count += row.len();
-            count - row.len()
-        }));
+        let firsts: Vec<_> = rows
+            .iter()
+            .map(|row| {
+                count += row.len();
+                count - row.len()
+            })
+            .collect();
         assert!(count == others.len(), "{} items for {count} places", others.len());
         self.with_rows_by(rows, |piece, to| {
             let row = rows.partition_point(|row| row.end <= piece.start);
@@ -231,11 +234,11 @@ mod tests {
     #[test]
     fn a_column_with_other_rows_is_as_one_made_of_them() {
         for len in [3_u32, 1000, 50_000] {
-            let mut items = Vec::from_iter((0..len).map(f64::from));
+            let mut items: Vec<_> = (0..len).map(f64::from).collect();
             let column = Column::from(items.clone());
             let rows = [0..1, len / 2..len / 2, len / 2..len - 1, len - 1..len];
-            let places = Vec::from_iter(rows.iter().cloned().flatten());
-            let others = Vec::from_iter(places.iter().map(|&place| -2.0 * f64::from(place)));
+            let places: Vec<_> = rows.iter().cloned().flatten().collect();
+            let others: Vec<_> = places.iter().map(|&place| -2.0 * f64::from(place)).collect();
             let other = column.with_rows(&rows, &others);
             places.iter().zip(&others).for_each(|(&place, &item)| items[place as usize] = item);
             assert_eq!(other[..], items);
@@ -248,26 +251,33 @@ mod tests {
     #[test]
     fn a_column_made_of_what_is_left_of_others_is_as_one_made_anew() {
         let mut random = 20_070_115_u64;
-        let mut below = |most: usize| {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (random >> 33) as usize % most
-        };
+        fn below(most: usize, random: &mut u64) -> usize {
+            *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (*random >> 33) as usize % most
+        }
         let len = line::LEAST / size_of::<[f64; 3]>() + 1;
-        let first = Vec::from_iter((0..len).map(|k| [k as f64, 0.0, -1.0]));
+        let first: Vec<_> = (0..len).map(|k| [k as f64, 0.0, -1.0]).collect();
         let mut known = vec![(Column::from(first.clone()), first)];
         let mut from_spares = 0;
         for step in 0..300 {
-            let (column, mut items) = known[below(known.len())].clone();
+            let (column, mut items) = known[below(known.len(), &mut random)].clone();
             // Few rows, and now and then most of them.
-            let most = if below(10) == 0 { len } else { 1 + len / 50 };
-            let starts = [below(len / 2), len / 2 + below(len / 2)];
+            let most = if below(10, &mut random) == 0 { len } else { 1 + len / 50 };
+            let starts = [below(len / 2, &mut random), len / 2 + below(len / 2, &mut random)];
             let rows = starts.map(|start| {
-                (start, (start + below(most)).min(if start < len / 2 { len / 2 } else { len }))
+                (
+                    start,
+                    (start + below(most, &mut random)).min(if start < len / 2 {
+                        len / 2
+                    } else {
+                        len
+                    }),
+                )
             });
-            let others =
-                Vec::from_iter(rows.iter().flat_map(|&(start, end)| {
-                    (start..end).map(|k| [k as f64, f64::from(step), 0.5])
-                }));
+            let others = rows
+                .iter()
+                .flat_map(|&(start, end)| (start..end).map(|k| [k as f64, f64::from(step), 0.5]))
+                .collect::<Vec<_>>();
             rows.iter().for_each(|&(start, end)| {
                 (start..end).for_each(|k| items[k] = [k as f64, f64::from(step), 0.5]);
             });
@@ -276,8 +286,8 @@ mod tests {
                 column.with_rows(&rows.map(|(start, end)| start as u32..end as u32), &others);
             assert!(made[..] == items[..] && made.hash() == Column::from(items.clone()).hash());
             known.push((made, items));
-            if 1 + below(4) < known.len() {
-                known.swap_remove(below(known.len()));
+            if 1 + below(4, &mut random) < known.len() {
+                known.swap_remove(below(known.len(), &mut random));
             }
         }
         assert!(from_spares > 100, "{from_spares}");

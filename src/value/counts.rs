@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::topology::{Topology, border_loops};
-use super::{AnyValue, Fact, FactValue, Items, Meaning, On, Part, Parts};
+use super::{AnyValue, FactValue, Items, Meaning, On, Part, Parts};
 
 /// What is counted of a value, and how many there are.
 pub fn counted(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
@@ -19,16 +19,19 @@ pub fn counted(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
 
 /// What can be counted of a value that shows no faces: its facts that are counts, without `valid` before them, and the pixels of a mask.
 fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
-    let fact = |fact: &Fact| match (&fact.name, &fact.value) {
-        (name, FactValue::Count(count)) => {
-            let name = name
-                .strip_prefix("valid ")
-                .map_or_else(|| name.clone(), |name| name.to_owned().into());
-            Some((name, *count as i64))
-        }
-        _ => None,
-    };
-    let mut counts = Vec::from_iter(parts.facts.iter().filter_map(fact));
+    let mut counts: Vec<_> = parts
+        .facts
+        .iter()
+        .filter_map(|fact| match (&fact.name, &fact.value) {
+            (name, FactValue::Count(count)) => {
+                let name = name
+                    .strip_prefix("valid ")
+                    .map_or_else(|| name.clone(), |name| name.to_owned().into());
+                Some((name, *count as i64))
+            }
+            _ => None,
+        })
+        .collect();
     if let [Part { on: On::Pixel, meaning: Meaning::Exact, items: Items::U8(flags), .. }] =
         &parts.columns[..]
     {

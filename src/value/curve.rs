@@ -249,8 +249,8 @@ impl Value for Curve {
             return Self::polyline(points, closed).map_err(PartsError::refused);
         }
         let knots = KnotVector::of(parts, "knots")?;
-        let ones = || vec![1.0; points.len()];
-        let weights = weight.map_or_else(ones, |part| part.items.numbers().into_owned());
+        let weights = weight
+            .map_or_else(|| vec![1.0; points.len()], |part| part.items.numbers().into_owned());
         Self::rational(points, weights, knots).map_err(PartsError::refused)
     }
 
@@ -260,20 +260,24 @@ impl Value for Curve {
         const PIECES: usize = 16;
         let count = self.points.len() as u32;
         let ends = (self.spline.is_none() && self.closed).then_some(0);
-        let chain = Vec::from_iter((0..count).chain(ends));
-        let layer = |points: Column<Point3<f64>>, chain| {
+        let chain: Vec<_> = (0..count).chain(ends).collect();
+        fn layer(points: Column<Point3<f64>>, chain: Vec<u32>) -> Layer {
             Layer::Lines(Lines { points, chains: vec![chain], axes: Axes::Upright })
-        };
+        }
         let control = layer(self.points.clone(), chain);
         if self.spline.is_none() {
             return vec![control];
         }
         let ((start, end), pieces) = (self.domain(), PIECES * self.points.len());
-        let at = |k: usize| {
-            let t = k as f64 / pieces as f64;
-            self.point(start * (1.0 - t) + end * t)
-        };
-        let curve = layer((0..=pieces).map(at).collect(), (0..=pieces as u32).collect());
+        let curve = layer(
+            (0..=pieces)
+                .map(|k: usize| {
+                    let t = k as f64 / pieces as f64;
+                    self.point(start * (1.0 - t) + end * t)
+                })
+                .collect(),
+            (0..=pieces as u32).collect(),
+        );
         vec![curve, control]
     }
 
@@ -281,7 +285,9 @@ impl Value for Curve {
         let polylines = [2, 3, 7].into_iter().flat_map(clouds).flat_map(|points| {
             [Self::polyline(points.clone(), false), Self::polyline(points, true)]
         });
-        let knots = || KnotVector::new(2, vec![0.0, 0.0, 0.0, 1e-300, 1.0, 1.0, 1.0]);
+        fn knots() -> Result<KnotVector, crate::KnotVectorError> {
+            KnotVector::new(2, vec![0.0, 0.0, 0.0, 1e-300, 1.0, 1.0, 1.0])
+        }
         let splines = clouds(4).into_iter().flat_map(|points| {
             [vec![1.0; 4], vec![1e-300, 1.0, 1e300, 1.0]]
                 .map(|weights| Self::rational(points.clone(), weights, knots().ok()?).ok())
@@ -296,7 +302,9 @@ mod tests {
 
     #[test]
     fn points_that_make_no_curve_are_refused() {
-        let points = |count| vec![Point3::origin(); count];
+        fn points(count: usize) -> Vec<Point3<f64>> {
+            vec![Point3::origin(); count]
+        }
         assert_eq!(
             Curve::polyline(points(1), false),
             Err(CurveError::TooFew { count: 1, least: 2 })
@@ -308,19 +316,27 @@ mod tests {
         let nowhere = vec![Point3::origin(), Point3::new(f64::INFINITY, 0.0, 0.0)];
         assert_eq!(Curve::polyline(nowhere, false), Err(CurveError::NotFinite { point: 1 }));
         let knots = KnotVector::uniform(3, 3).unwrap();
-        let rational = |count, weights: &[f64]| {
+        fn rational(count: usize, weights: &[f64], knots: &KnotVector) -> CurveError {
             Curve::rational(points(count), weights.to_vec(), knots.clone()).unwrap_err()
-        };
-        assert!(matches!(rational(4, &[1.0; 4]), CurveError::Count { what: "knots", .. }));
-        assert!(matches!(rational(3, &[1.0; 2]), CurveError::Count { what: "weights", .. }));
-        assert!(matches!(rational(3, &[1., 0., 1.]), CurveError::Weight { point: 1, .. }));
-        assert!(matches!(rational(3, &[1., f64::NAN, 1.]), CurveError::NotFinite { point: 1 }));
+        }
+        assert!(matches!(rational(4, &[1.0; 4], &knots), CurveError::Count { what: "knots", .. }));
+        assert!(matches!(
+            rational(3, &[1.0; 2], &knots),
+            CurveError::Count { what: "weights", .. }
+        ));
+        assert!(matches!(rational(3, &[1., 0., 1.], &knots), CurveError::Weight { point: 1, .. }));
+        assert!(matches!(
+            rational(3, &[1., f64::NAN, 1.], &knots),
+            CurveError::NotFinite { point: 1 }
+        ));
     }
 
     #[test]
     fn a_spline_is_closed_if_it_ends_where_it_begins() {
         let knots = KnotVector::uniform(4, 3).unwrap();
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.0)
+        }
         let ring = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 0.)];
         let arc = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
         assert!(Curve::rational(ring, vec![1.0; 4], knots.clone()).unwrap().is_closed());

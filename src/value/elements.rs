@@ -51,8 +51,10 @@ pub struct ElementType {
 impl ElementType {
     /// The ways of a type.
     pub(super) fn all_of<T: Value>() -> Vec<Self> {
-        let of = |it: &Elements<T>| Self { word: it.word, name: it.name, kind: it.kind };
-        T::elements().iter().map(of).collect()
+        T::elements()
+            .iter()
+            .map(|it| Self { word: it.word, name: it.name, kind: it.kind })
+            .collect()
     }
 }
 

@@ -108,8 +108,11 @@ impl Value for Field {
         let (least, greatest) = self.range().unwrap_or_default();
         let (least, greatest) = (f64::from(least), f64::from(greatest));
         let scale = if least < greatest { 255.0 / (greatest - least) } else { 0.0 };
-        let gray = |&x: &f32| [((f64::from(x) - least) * scale).round() as u8; 3];
-        let pixels: Vec<Rgb> = self.pixels.iter().map(gray).collect();
+        let pixels: Vec<Rgb> = self
+            .pixels
+            .iter()
+            .map(|&x| [((f64::from(x) - least) * scale).round() as u8; 3])
+            .collect();
         Picture::own(Image::new(self.width, self.height, pixels))
     }
 

@@ -92,11 +92,10 @@ impl Handles {
         for (index, handle) in handles.iter().enumerate() {
             check(index, handle)?;
         }
-        let target = |handle: &Handle| Point3::from(handle.to.unwrap_or(handle.at));
         Ok(Self {
             space,
             at: handles.iter().map(|handle| Point3::from(handle.at)).collect(),
-            to: handles.iter().map(target).collect(),
+            to: handles.iter().map(|handle| Point3::from(handle.to.unwrap_or(handle.at))).collect(),
             sigma: handles.iter().map(|handle| handle.sigma.unwrap_or_default()).collect(),
             weight: handles.iter().map(|handle| handle.weight).collect(),
         })
@@ -179,7 +178,9 @@ fn sides(extent: Vector3<f64>) -> Vector3<f64> {
 }
 
 fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
-    let finite = |numbers: &[f64]| numbers.iter().all(|x| x.is_finite());
+    fn finite(numbers: &[f64]) -> bool {
+        numbers.iter().all(|x| x.is_finite())
+    }
     let (target, sigma) = (given.to.unwrap_or(given.at), given.sigma.unwrap_or([1.0; 3]));
     let lists: [(&'static str, &[f64]); 4] = [
         ("place", &given.at),
@@ -272,13 +273,16 @@ impl Value for Handles {
         let weight = weight.map(|part| part.with_count(at.len())).transpose()?;
         let weight = weight.map(|part: &Part<'_>| part.items.numbers());
         let (to, sigma) = (vectors("to")?, vectors("sigma")?);
-        let handle = |(k, &at): (usize, &[f64; 3])| Handle {
-            at,
-            to: to.as_ref().map(|to| to[k]),
-            sigma: sigma.as_ref().map(|sigma| sigma[k]).filter(|sigma| *sigma != [0.0; 3]),
-            weight: weight.as_ref().map_or(1.0, |weight| weight[k]),
-        };
-        let handles = Vec::from_iter(at.iter().enumerate().map(handle));
+        let handles: Vec<_> = at
+            .iter()
+            .enumerate()
+            .map(|(k, &at)| Handle {
+                at,
+                to: to.as_ref().map(|to| to[k]),
+                sigma: sigma.as_ref().map(|sigma| sigma[k]).filter(|sigma| *sigma != [0.0; 3]),
+                weight: weight.as_ref().map_or(1.0, |weight| weight[k]),
+            })
+            .collect();
         Self::new(space, &handles).map_err(PartsError::refused)
     }
 
@@ -291,16 +295,19 @@ impl Value for Handles {
     fn hostile() -> Vec<Self> {
         let lists = [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(|points| {
             [(1.0, 1.0), (1e-300, 1e300), (1e300, 1e-300), (1e-5, 1.0)].map(|(sigma, weight)| {
-                let handle = |(k, point): (usize, &Point3<f64>)| {
-                    let to = point + Vector3::new(0.0, k as f64, 0.0);
-                    Handle {
-                        at: (*point).into(),
-                        to: (k % 2 == 0).then(|| to.into()),
-                        sigma: (k % 3 != 0).then_some([sigma, 1.0, 2.0 * sigma]),
-                        weight,
-                    }
-                };
-                Vec::from_iter(points.iter().enumerate().map(handle))
+                points
+                    .iter()
+                    .enumerate()
+                    .map(|(k, point)| {
+                        let to = point + Vector3::new(0.0, k as f64, 0.0);
+                        Handle {
+                            at: (*point).into(),
+                            to: (k % 2 == 0).then(|| to.into()),
+                            sigma: (k % 3 != 0).then_some([sigma, 1.0, 2.0 * sigma]),
+                            weight,
+                        }
+                    })
+                    .collect::<Vec<_>>()
             })
         });
         let spaces = [HandleSpace::Box, HandleSpace::Cube, HandleSpace::World];
@@ -316,9 +323,9 @@ mod tests {
 
     #[test]
     fn numbers_that_are_no_handle_are_refused_with_its_number() {
-        let error = |wrong: Handle| {
+        fn error(wrong: Handle) -> String {
             Handles::new(HandleSpace::Box, &[HANDLE, wrong]).unwrap_err().to_string()
-        };
+        }
         assert_eq!(
             error(Handle { to: Some([0.0, f64::NAN, 0.0]), ..HANDLE }),
             "the target of handle 1 is not finite"
@@ -337,15 +344,19 @@ mod tests {
     fn a_box_stretches_and_a_cube_does_not() {
         let handle = Handle { at: [1.0, 0.5, 0.0], to: None, sigma: Some([1.0; 3]), weight: 2.0 };
         let bounds = (Point3::new(10.0, 0.0, 5.0), Point3::new(12.0, 8.0, 5.0));
-        let there = |space| {
-            let world = Handles::new(space, &[handle]).unwrap().in_world(bounds).unwrap();
+        fn there(
+            space: HandleSpace,
+            handle: &Handle,
+            bounds: &(Point3<f64>, Point3<f64>),
+        ) -> ([f64; 3], [f64; 3]) {
+            let world = Handles::new(space, &[*handle]).unwrap().in_world(*bounds).unwrap();
             let handle = world.iter().next().unwrap();
             (handle.at, handle.sigma.unwrap())
-        };
+        }
         // Without extent along z, the box has there its longest side.
-        assert_eq!(there(HandleSpace::Box), ([12.0, 4.0, 5.0], [2.0, 8.0, 8.0]));
-        assert_eq!(there(HandleSpace::Cube), ([18.0, 4.0, 5.0], [8.0; 3]));
-        assert_eq!(there(HandleSpace::World), ([1.0, 0.5, 0.0], [1.0; 3]));
+        assert_eq!(there(HandleSpace::Box, &handle, &bounds), ([12.0, 4.0, 5.0], [2.0, 8.0, 8.0]));
+        assert_eq!(there(HandleSpace::Cube, &handle, &bounds), ([18.0, 4.0, 5.0], [8.0; 3]));
+        assert_eq!(there(HandleSpace::World, &handle, &bounds), ([1.0, 0.5, 0.0], [1.0; 3]));
     }
 
     #[test]

@@ -23,7 +23,9 @@ impl Hash {
         let mut bytes = [0; 32];
         let digits = Some(text.as_bytes()).filter(|digits| digits.len() == 64)?;
         for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-            let digit = |c: u8| char::from(c).to_digit(16);
+            fn digit(c: u8) -> Option<u32> {
+                char::from(c).to_digit(16)
+            }
             *byte = (digit(pair[0])? << 4 | digit(pair[1])?) as u8;
         }
         Some(Self(bytes))

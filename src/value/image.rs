@@ -103,11 +103,15 @@ impl Image {
             return self.clone();
         }
         let table = factor.map(|factor| {
-            let multiply = |level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor);
-            (0..=255).map(multiply).collect::<Vec<u8>>()
+            (0..=255)
+                .map(|level| srgb_from_linear(f64::from(linear_from_srgb(level)) * factor))
+                .collect::<Vec<u8>>()
         });
-        let color = |color: &Rgb| [0, 1, 2].map(|k| table[k][usize::from(color[k])]);
-        let pixels = Vec::from_iter(self.pixels().iter().map(color));
+        let pixels: Vec<_> = self
+            .pixels()
+            .iter()
+            .map(|color| [0, 1, 2].map(|k| table[k][usize::from(color[k])]))
+            .collect();
         Self { pixels: pixels.into(), ..self.clone() }
     }
 

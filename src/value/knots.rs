@@ -212,7 +212,9 @@ mod tests {
 
     #[test]
     fn numbers_that_are_no_knot_vector_are_refused() {
-        let refused = |degree, knots: &[f64]| KnotVector::new(degree, knots.to_vec()).unwrap_err();
+        fn refused(degree: usize, knots: &[f64]) -> KnotVectorError {
+            KnotVector::new(degree, knots.to_vec()).unwrap_err()
+        }
         assert!(matches!(refused(0, &[0., 1.]), KnotVectorError::Degree { .. }));
         assert!(matches!(refused(2, &[0., 0., 0., 1., 1.]), KnotVectorError::TooFew { .. }));
         assert!(matches!(

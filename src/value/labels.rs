@@ -207,20 +207,22 @@ impl Labels {
 /// Numbers the labels, whatever they are, in the order in which the runs meet them.
 fn renumber(runs: &mut [LabelRun]) {
     let mut count = 0;
-    let mut number = |seen: &mut u32| {
+    fn number(seen: &mut u32, count: &mut u32) -> u32 {
         if *seen == 0 {
-            count += 1;
-            *seen = count;
+            *count += 1;
+            *seen = *count;
         }
         *seen
-    };
+    }
     let most = runs.iter().map(|run| run.label as usize).max().unwrap_or(0);
     if most <= 4 * runs.len() {
         let mut seen = vec![0; most + 1];
-        runs.iter_mut().for_each(|run| run.label = number(&mut seen[run.label as usize]));
+        runs.iter_mut()
+            .for_each(|run| run.label = number(&mut seen[run.label as usize], &mut count));
     } else {
         let mut seen = HashMap::new();
-        runs.iter_mut().for_each(|run| run.label = number(seen.entry(run.label).or_insert(0)));
+        runs.iter_mut()
+            .for_each(|run| run.label = number(seen.entry(run.label).or_insert(0), &mut count));
     }
 }
 
@@ -387,7 +389,9 @@ mod tests {
 
     #[test]
     fn runs_make_the_same_labels_as_their_pixels() {
-        let run = |row, start, end, label| LabelRun { row, start, end, label };
+        fn run(row: u32, start: u32, end: u32, label: u32) -> LabelRun {
+            LabelRun { row, start, end, label }
+        }
         let runs = [run(0, 1, 3, 1), run(1, 0, 1, 2), run(1, 1, 2, 1)];
         let labels = Labels::from_runs(3, 2, &runs).unwrap();
         assert_eq!(labels, Labels::new(3, 2, vec![0, 9, 9, 4, 9, 0]).unwrap());
@@ -395,7 +399,9 @@ mod tests {
 
     #[test]
     fn runs_out_of_order_are_refused() {
-        let run = |start, end, label| LabelRun { row: 0, start, end, label };
+        fn run(start: u32, end: u32, label: u32) -> LabelRun {
+            LabelRun { row: 0, start, end, label }
+        }
         for (runs, first_wrong) in [
             (vec![run(0, 4, 1)], 0),
             (vec![run(1, 1, 1)], 0),

@@ -45,14 +45,18 @@ pub struct Picture {
 impl Picture {
     /// A picture whose colors are the value's own, as layers; none if there is none.
     pub(super) fn own<E>(image: Result<Image, E>) -> Vec<Layer> {
-        let layer = |image| Layer::Picture(Self { image, registration: None, drawn: false });
-        image.into_iter().map(layer).collect()
+        image
+            .into_iter()
+            .map(|image| Layer::Picture(Self { image, registration: None, drawn: false }))
+            .collect()
     }
 
     /// A picture whose colors were made up for the drawing, as layers; none if there is no picture.
     pub(super) fn drawn<E>(image: Result<Image, E>) -> Vec<Layer> {
-        let layer = |image| Layer::Picture(Self { image, registration: None, drawn: true });
-        image.into_iter().map(layer).collect()
+        image
+            .into_iter()
+            .map(|image| Layer::Picture(Self { image, registration: None, drawn: true }))
+            .collect()
     }
 }
 

@@ -83,7 +83,9 @@ impl Mask {
 
     /// How many pixels are inside.
     pub fn count(&self) -> usize {
-        let count = |pixels: &[u8]| pixels.iter().map(|&pixel| u32::from(pixel)).sum::<u32>();
+        fn count(pixels: &[u8]) -> u32 {
+            pixels.iter().map(|&pixel| u32::from(pixel)).sum::<u32>()
+        }
         self.pixels.par_chunks(1 << 18).map(|pixels| count(pixels) as usize).sum()
     }
 
@@ -153,9 +155,9 @@ impl Value for Mask {
     }
 
     fn hostile() -> Vec<Self> {
-        let mask = |[width, height]: [usize; 2], inside| {
-            Self::new(width, height, vec![inside; width * height])
-        };
+        fn mask([width, height]: [usize; 2], inside: u8) -> Result<Mask, SizeError> {
+            Mask::new(width, height, vec![inside; width * height])
+        }
         SIZES.into_iter().flat_map(|size| [mask(size, 0), mask(size, 1)]).flatten().collect()
     }
 }

@@ -227,10 +227,9 @@ impl Material {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let name = from.text()?;
         let picture: Option<Image> = from.option(Decoder::value)?;
-        let is_whole = |picture: &Image| {
+        if !picture.iter().all(|picture| {
             picture.width().checked_mul(picture.height()) == Some(picture.pixels().len())
-        };
-        if !picture.iter().all(is_whole) {
+        }) {
             return Err(DecodeError);
         }
         let base_color = from.plain()?;
@@ -243,10 +242,11 @@ impl Material {
             _ => Transparency::Blend,
         };
         let [maps, others] = from.counts()?;
-        let map = |_| Ok((MapKind::of(from.text()?), Map::decode(from)?));
-        let maps = (0..maps).map(map).collect::<Result<_, _>>()?;
-        let other = |_| Ok((from.text()?, from.text()?));
-        let others = (0..others).map(other).collect::<Result<_, _>>()?;
+        let maps = (0..maps)
+            .map(|_| Ok((MapKind::of(from.text()?), Map::decode(from)?)))
+            .collect::<Result<_, _>>()?;
+        let others =
+            (0..others).map(|_| Ok((from.text()?, from.text()?))).collect::<Result<_, _>>()?;
         let [is_double_sided, has_vertex_colors] =
             [is_double_sided, has_vertex_colors].map(|it| it == 1);
         Ok(Self {
@@ -324,11 +324,13 @@ impl Map {
         let [strength, rotation, x, y, width, height] = from.plain()?;
         let filters = from.plain()?;
         let [channel, u, v]: [u8; 3] = from.plain()?;
-        let wrap = |number| match number {
-            0 => Wrap::Repeat,
-            1 => Wrap::Mirror,
-            _ => Wrap::Clamp,
-        };
+        fn wrap(number: u8) -> Wrap {
+            match number {
+                0 => Wrap::Repeat,
+                1 => Wrap::Mirror,
+                _ => Wrap::Clamp,
+            }
+        }
         let transform = UvTransform { offset: [x, y], rotation, scale: [width, height] };
         let (channel, wrap) = (Some(channel).filter(|it| *it < 3), [wrap(u), wrap(v)]);
         Ok(Self { file, bytes, strength, channel, uv, transform, wrap, filters })
@@ -430,11 +432,15 @@ mod tests {
 
     #[test]
     fn beyond_its_border_a_picture_goes_on() {
-        let of = |wrap: Wrap| [-0.25, 0.0, 1.0, 1.25, 2.5].map(|x| wrap.inside(x));
+        fn of(wrap: Wrap) -> [f64; 5] {
+            [-0.25, 0.0, 1.0, 1.25, 2.5].map(|x| wrap.inside(x))
+        }
         assert_eq!(of(Wrap::Repeat), [0.75, 0.0, 1.0, 0.25, 0.5]);
         assert_eq!(of(Wrap::Mirror), [0.25, 0.0, 1.0, 0.75, 0.5]);
         assert_eq!(of(Wrap::Clamp), [-0.25, 0.0, 1.0, 1.25, 2.5]);
-        let texels = |wrap: Wrap| [-0.5, 1.25, 3.5, 8.0].map(|place| wrap.texels(place, 4));
+        fn texels(wrap: Wrap) -> [(usize, usize, f64); 4] {
+            [-0.5, 1.25, 3.5, 8.0].map(|place| wrap.texels(place, 4))
+        }
         assert_eq!(texels(Wrap::Clamp), [(0, 1, 0.0), (1, 2, 0.25), (3, 3, 0.0), (3, 3, 0.0)]);
         assert_eq!(texels(Wrap::Repeat), [(3, 0, 0.5), (1, 2, 0.25), (3, 0, 0.5), (0, 1, 0.0)]);
         assert_eq!(texels(Wrap::Mirror), [(0, 0, 0.5), (1, 2, 0.25), (3, 3, 0.5), (0, 1, 0.0)]);

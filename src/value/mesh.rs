@@ -206,11 +206,10 @@ impl Mesh {
         write: impl Fn(Range<u32>, &mut [Point3<f64>]) + Sync,
     ) -> Result<Self, MeshError> {
         let positions = self.positions.with_rows_by(rows, write);
-        let first_bad = |row: &Range<u32>| {
+        if let Some(vertex) = rows.iter().find_map(|row| {
             let first = row.start as usize;
             super::first_not_finite(&positions[first..row.end as usize]).map(|bad| first + bad)
-        };
-        if let Some(vertex) = rows.iter().find_map(first_bad) {
+        }) {
             return Err(MeshError::NotFinite { vertex });
         }
         Ok(self.with_other(positions, rows))
@@ -434,7 +433,9 @@ mod tests {
     use super::*;
 
     fn quad_and_triangle() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.0)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
@@ -465,21 +466,24 @@ mod tests {
             |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
         let quads =
             (0..height - 1).flat_map(|row| (0..width - 1).map(move |column| row * width + column));
-        let split = |a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]];
-        let triangles = Faces::triangles(quads.flat_map(split).collect());
+        let triangles = Faces::triangles(
+            quads
+                .flat_map(|a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
+                .collect(),
+        );
         let mesh =
             Mesh::new((0..width * height).map(bumpy).collect::<Vec<_>>(), triangles).unwrap();
-        let normals = |threads| {
+        fn normals(threads: usize, mesh: &Mesh) -> Vec<Vector3<f64>> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| mesh.vertex_normals())
-        };
+        }
         let mut expected = vec![Vector3::zeros(); mesh.positions().len()];
         for face in mesh.faces().iter() {
             face.iter().for_each(|&vertex| expected[vertex as usize] += mesh.area_vector(face));
         }
         expected.iter_mut().for_each(|normal| *normal = normal.normalize());
         for threads in [1, 2, 3, 8] {
-            assert!(normals(threads) == expected, "{threads} threads");
+            assert!(normals(threads, &mesh) == expected, "{threads} threads");
         }
     }
 
@@ -487,7 +491,9 @@ mod tests {
     fn a_face_of_many_corners_is_checked_fast_and_its_repeated_vertex_named() {
         let count = 300_000;
         let points = vec![Point3::origin(); count as usize];
-        let face = |corners: Vec<u32>| Faces::uniform(corners.len(), corners).unwrap();
+        fn face(corners: Vec<u32>) -> Faces {
+            Faces::uniform(corners.len(), corners).unwrap()
+        }
         assert!(Mesh::new(points.clone(), face((0..count).collect())).is_ok());
         let mut corners: Vec<u32> = (0..count).collect();
         (corners[70], corners[90]) = (50, 7);
@@ -515,8 +521,12 @@ mod tests {
 
     #[test]
     fn vertices_and_faces_that_make_no_mesh_are_refused() {
-        let points = |n| vec![Point3::origin(); n];
-        let triangle = |face| Faces::triangles(vec![face]);
+        fn points(n: usize) -> Vec<Point3<f64>> {
+            vec![Point3::origin(); n]
+        }
+        fn triangle(face: [u32; 3]) -> Faces {
+            Faces::triangles(vec![face])
+        }
         assert!(matches!(
             Mesh::new(points(2), triangle([0, 1, 2])),
             Err(MeshError::NoVertex { vertex: 2, .. })
@@ -535,9 +545,9 @@ mod tests {
 
     #[test]
     fn a_crease_ends_at_vertices_that_are_there() {
-        let error = |ends, sharpness| {
+        fn error(ends: [u32; 2], sharpness: f64) -> String {
             quad_and_triangle().with_creases([(ends, sharpness)]).unwrap_err().to_string()
-        };
+        }
         assert_eq!(error([5, 1], 2.0), "a crease names vertex 5, but there are only 5");
         assert_eq!(error([2, 1], -1.0), "the crease between vertices 1 and 2 has the sharpness -1");
         assert!(quad_and_triangle().with_creases([([2, 1], 2.0)]).is_ok());

@@ -237,7 +237,7 @@ pub trait Parallel: Sized + Send {
 
 /// What is made of each part, in order.
 fn of_parts<P: Parallel, T: Send>(items: P, f: &(dyn Fn(usize, P) -> T + Sync)) -> Vec<T> {
-    let all = Mutex::new(Vec::from_iter((0..items.parts()).map(|_| None)));
+    let all = Mutex::new((0..items.parts()).map(|_| None).collect::<Vec<_>>());
     each_part(items, &|index, part| {
         let made = f(index, part);
         all.lock().unwrap_or_else(PoisonError::into_inner)[index] = Some(made);

@@ -204,15 +204,17 @@ pub struct Range {
 
 /// The range of each component of elements of `width` numbers; none where no number is finite. What is not finite does not count.
 pub fn ranges(numbers: &[f64], width: usize) -> Vec<Option<Range>> {
-    let of = |component| {
-        let column = numbers.iter().skip(component).step_by(width).filter(|x| x.is_finite());
-        let start = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);
-        let (least, greatest, sum, count) = column.fold(start, |(least, greatest, sum, n), &x| {
-            (f64::min(least, x), f64::max(greatest, x), sum + x, n + 1)
-        });
-        (count > 0).then(|| Range { least, greatest, mean: sum / count as f64 })
-    };
-    (0..width).map(of).collect()
+    (0..width)
+        .map(|component| {
+            let column = numbers.iter().skip(component).step_by(width).filter(|x| x.is_finite());
+            let start = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);
+            let (least, greatest, sum, count) =
+                column.fold(start, |(least, greatest, sum, n), &x| {
+                    (f64::min(least, x), f64::max(greatest, x), sum + x, n + 1)
+                });
+            (count > 0).then(|| Range { least, greatest, mean: sum / count as f64 })
+        })
+        .collect()
 }
 
 impl<'a> Parts<'a> {
@@ -288,8 +290,7 @@ impl<'a> Parts<'a> {
     /// # Errors
     /// If it is not there, its width is another one, or its last element is cut off.
     pub fn need(&self, name: &str, width: usize) -> Result<&Part<'a>, PartsError> {
-        let missing = || PartsError::Missing { part: name.to_owned() };
-        self.column_of(name, width)?.ok_or_else(missing)
+        self.column_of(name, width)?.ok_or_else(|| PartsError::Missing { part: name.to_owned() })
     }
 
     /// The value of the first fact of this name.
@@ -441,12 +442,18 @@ impl Part<'_> {
     }
 
     fn whole_below<T>(&self, most: f64, to: impl Fn(f64) -> T) -> Result<Vec<T>, PartsError> {
-        let number = |(index, &x): (usize, &f64)| {
-            let fits = (0.0..=most).contains(&x) && x.fract() == 0.0;
-            let expected = || format!("a whole number from 0 to {most}");
-            fits.then(|| to(x)).ok_or_else(|| self.wrong(index, x, expected()))
-        };
-        self.items.numbers().iter().enumerate().map(number).collect()
+        self.items
+            .numbers()
+            .iter()
+            .enumerate()
+            .map(|(index, &x)| {
+                let fits = (0.0..=most).contains(&x) && x.fract() == 0.0;
+                fn expected(most: f64) -> String {
+                    format!("a whole number from 0 to {most}")
+                }
+                fits.then(|| to(x)).ok_or_else(|| self.wrong(index, x, expected(most)))
+            })
+            .collect()
     }
 }
 

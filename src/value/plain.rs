@@ -31,26 +31,31 @@ pub fn text_of(bytes: Vec<u8>) -> Result<String> {
     let wide = [&b"\xff\xfe"[..], b"\xfe\xff"].iter().any(|mark| bytes.starts_with(mark));
     // Without a mark, every other byte of Latin letters is 0.
     let is_wide = wide || matches!(bytes[..], [0, other, ..] | [other, 0, ..] if other != 0);
-    let found = |bytes: &[u8], at: usize| match bytes[at] {
-        _ if is_wide => "UTF-16".to_owned(),
-        0 => "the byte 0".to_owned(),
-        byte => format!("the byte 0x{byte:02X}"),
-    };
-    let no_text = |bytes: &[u8], at: usize| {
+    fn found(bytes: &[u8], at: usize, is_wide: bool) -> String {
+        match bytes[at] {
+            _ if is_wide => "UTF-16".to_owned(),
+            0 => "the byte 0".to_owned(),
+            byte => format!("the byte 0x{byte:02X}"),
+        }
+    }
+    fn no_text(bytes: &[u8], at: usize, is_wide: bool) -> Error {
         let at = if is_wide { 0 } else { at };
         let line_start =
             bytes[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
         let line = bytes[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
         let column = String::from_utf8_lossy(&bytes[line_start..at]).chars().count() + 1;
-        Error::new(ErrorKind::InvalidData, NoText { line, column, found: found(bytes, at) })
-    };
+        Error::new(
+            ErrorKind::InvalidData,
+            NoText { line, column, found: found(bytes, at, is_wide) },
+        )
+    }
     if let Some(at) = bytes.iter().position(|&byte| byte == 0) {
         let at = std::str::from_utf8(&bytes[..at]).map_or_else(|error| error.valid_up_to(), |_| at);
-        return Err(no_text(&bytes, at));
+        return Err(no_text(&bytes, at, is_wide));
     }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
-        no_text(error.as_bytes(), at)
+        no_text(error.as_bytes(), at, is_wide)
     })
 }
 
@@ -109,9 +114,15 @@ pub fn ending(path: &Path) -> String {
 /// Some bytes without the mark of UTF-8 at the start of a text. A binary file may begin with these bytes by chance, so that they are a mark
 /// only before text: no header of a binary format has so many printable characters on end as the one of STL, 80 with a count behind.
 pub fn without_mark(bytes: &[u8]) -> &[u8] {
-    let is_text = |byte: &u8| byte.is_ascii_whitespace() || !byte.is_ascii_control();
     match bytes.strip_prefix(b"\xef\xbb\xbf") {
-        Some(text) if text.iter().take(84).all(is_text) => text,
+        Some(text)
+            if text
+                .iter()
+                .take(84)
+                .all(|byte| byte.is_ascii_whitespace() || !byte.is_ascii_control()) =>
+        {
+            text
+        }
         _ => bytes,
     }
 }
@@ -122,10 +133,10 @@ mod tests {
 
     #[test]
     fn what_is_no_text_is_told_with_its_place() {
-        let check = |bytes: &[u8], expected: &str| {
+        fn check(bytes: &[u8], expected: &str) {
             let found = text_of(bytes.to_vec()).map_err(|error| error.to_string());
             assert_eq!(found.unwrap_or_else(|error| error), expected);
-        };
+        }
         let wide = "line 1, column 1: expected text in UTF-8, found UTF-16; save the file as UTF-8";
         check(b"a\xc3\xa4b\n", "a\u{e4}b\n");
         check(b"\xef\xbb\xbfa", "\u{feff}a");

@@ -172,11 +172,13 @@ fn one_by_one(points: &Points, most: usize) -> Result<Vec<AnyValue>, NoElements>
     if most < count {
         return Err(NoElements::TooMany { count });
     }
-    let one = |place: u32| Points {
-        positions: vec![points.positions[place as usize]].into(),
-        attributes: points.attributes.select(&[place]),
-    };
-    Ok((0..count as u32).map(|place| AnyValue::new(one(place))).collect())
+    fn one(place: u32, points: &Points) -> Points {
+        Points {
+            positions: vec![points.positions[place as usize]].into(),
+            attributes: points.attributes.select(&[place]),
+        }
+    }
+    Ok((0..count as u32).map(|place| AnyValue::new(one(place, points))).collect())
 }
 
 /// Points that one task looks at.
@@ -190,8 +192,10 @@ pub fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
         if coordinates.iter().fold(true, |all, x| all & x.is_finite()) {
             return None;
         }
-        let is_bad = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
-        points.iter().position(is_bad).map(|place| block * BLOCK + place)
+        points
+            .iter()
+            .position(|point| !point.coords.iter().all(|x| x.is_finite()))
+            .map(|place| block * BLOCK + place)
     })
 }
 
@@ -208,7 +212,9 @@ mod tests {
     #[test]
     fn attributes_have_an_entry_per_point_and_normals_do_not_survive_a_move() {
         let points = Points::new(vec![Point3::origin(); 2]).unwrap();
-        let normals = |count| Attribute::Vector(vec![[0.0, 0.0, 1.0]; count].into());
+        fn normals(count: usize) -> Attribute {
+            Attribute::Vector(vec![[0.0, 0.0, 1.0]; count].into())
+        }
         assert!(points.clone().with_attribute("normal", normals(3)).is_err());
         let colors = Attribute::Color(vec![[1, 2, 3]; 2].into());
         let points = points.with_attribute("normal", normals(2)).unwrap();

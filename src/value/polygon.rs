@@ -20,7 +20,9 @@ pub fn flat(at: Point3<f64>, normal: Vector3<f64>) -> Flat {
 /// Returns a number with the exact sign of the area of a triangle: positive if it is counter-clockwise (Shewchuk, "Adaptive precision
 /// floating-point arithmetic and fast robust geometric predicates", 1997).
 pub fn orientation([a, b, c]: [Flat; 3]) -> f64 {
-    let coord = |[x, y]: Flat| Coord { x, y };
+    fn coord([x, y]: Flat) -> Coord<f64> {
+        Coord { x, y }
+    }
     orient2d(coord(a), coord(b), coord(c))
 }
 
@@ -36,10 +38,10 @@ pub(crate) fn is_fan(n: usize, corner: impl Fn(u32) -> Point3<f64>) -> bool {
     let crosses = || fan(n).map(|triangle| cross(triangle.map(&corner)));
     let normal: Vector3<f64> = crosses().sum();
     let length = normal.norm();
-    let is_turned = |cross: Vector3<f64>| {
-        cross.dot(&normal) < length * f64::min(TURNED * cross.norm(), -ROUNDING * length)
-    };
-    n == 3 || !crosses().any(is_turned)
+    n == 3
+        || !crosses().any(|cross: Vector3<f64>| {
+            cross.dot(&normal) < length * f64::min(TURNED * cross.norm(), -ROUNDING * length)
+        })
 }
 
 fn cross([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
@@ -64,7 +66,7 @@ pub fn triangulate(corners: &[Point3<f64>]) -> Vec<[u32; 3]> {
         return fan(corners.len()).collect();
     }
     let normal = fan(corners.len()).map(|triangle| cross(triangle.map(corner))).sum();
-    clip_ears(&Vec::from_iter(corners.iter().map(|at| flat(*at, normal))))
+    clip_ears(&corners.iter().map(|at| flat(*at, normal)).collect::<Vec<_>>())
 }
 
 /// Lengths below this fraction of a polygon's extent count as zero.
@@ -260,7 +262,7 @@ mod tests {
             for slant in [[0.0, 0.0], [0.3, -0.2], [4.0, 5.0]] {
                 let place =
                     |at: &Flat| Point3::new(at[0], at[1], slant[0] * at[0] + slant[1] * at[1]);
-                let triangles = triangulate(&Vec::from_iter(turned.iter().map(place)));
+                let triangles = triangulate(&turned.iter().map(place).collect::<Vec<_>>());
                 assert_eq!(triangles.len(), polygon.len() - 2);
                 let areas = triangles.iter().map(|it| area(&it.map(|k| turned[k as usize])));
                 let areas = Vec::from_iter(areas);
@@ -285,12 +287,13 @@ mod tests {
     fn random_stars_become_triangles_within_them() {
         let mut random = Random(7);
         for n in (3..40).chain([400]) {
-            let corner = |k: usize| {
-                let (sin, cos) = libm::sincos(std::f64::consts::TAU * k as f64 / n as f64);
-                let radius = 0.1 + random.even().abs();
-                [radius * cos, radius * sin]
-            };
-            let star = Vec::from_iter((0..n).map(corner));
+            let star: Vec<_> = (0..n)
+                .map(|k: usize| {
+                    let (sin, cos) = libm::sincos(std::f64::consts::TAU * k as f64 / n as f64);
+                    let radius = 0.1 + random.even().abs();
+                    [radius * cos, radius * sin]
+                })
+                .collect();
             check(&star[..]);
         }
     }
@@ -309,7 +312,7 @@ mod tests {
     #[test]
     fn polygons_without_an_area_get_triangles_too() {
         for n in 3..9 {
-            let line = Vec::from_iter((0..n).map(|k| Point3::new(f64::from(k), 0.0, 0.0)));
+            let line: Vec<_> = (0..n).map(|k| Point3::new(f64::from(k), 0.0, 0.0)).collect();
             assert_eq!(triangulate(&line).len(), n as usize - 2);
         }
     }
@@ -317,16 +320,16 @@ mod tests {
     /// A spiral of 40 000 corners has most of its corners concave, and none may cost a look at all others.
     #[test]
     fn a_long_spiral_becomes_triangles_within_it() {
-        let wall = |k: u32, out: f64| {
+        fn wall(k: u32, out: f64) -> [f64; 2] {
             let angle = f64::from(k) * 0.01;
             let (sin, cos) = libm::sincos(angle);
             [(1.0 + angle + out) * cos, (1.0 + angle + out) * sin]
-        };
+        }
         let outer = (0..20_000).map(|k| wall(k, 2.0));
-        let spiral = Vec::from_iter(outer.chain((0..20_000).rev().map(|k| wall(k, 0.0))));
+        let spiral: Vec<_> = outer.chain((0..20_000).rev().map(|k| wall(k, 0.0))).collect();
         let triangles = clip_ears(&spiral);
         let areas =
-            Vec::from_iter(triangles.iter().map(|it| area(&it.map(|k| spiral[k as usize]))));
+            triangles.iter().map(|it| area(&it.map(|k| spiral[k as usize]))).collect::<Vec<_>>();
         assert!(areas.iter().all(|it| *it >= 0.0));
         assert!((areas.iter().sum::<f64>() / area(&spiral) - 1.0).abs() < 1e-9);
     }

@@ -78,9 +78,10 @@ impl Offence {
         let count = elements.len();
         let told = elements.iter().take(TOLD);
         let elements =
-            Vec::from_iter(told.map(|&it| Offender { name: name(it), outline: outline(it) }));
+            told.map(|&it| Offender { name: name(it), outline: outline(it) }).collect::<Vec<_>>();
         let [x, y, z] = elements.first()?.place().coords.map(rounded).into();
-        let names = Vec::from_iter(elements.iter().take(NAMED).map(|it| &it.name[..])).join(", ");
+        let names =
+            elements.iter().take(NAMED).map(|it| &it.name[..]).collect::<Vec<_>>().join(", ");
         let more = if NAMED < count { ", .." } else { "" };
         let what = format!("has {count} {what} ({names}{more}; the first is at ({x}, {y}, {z}))");
         Some(Self { what, count, elements })
@@ -89,7 +90,7 @@ impl Offence {
     /// Marks the elements on what is seen of the value.
     pub fn mark(&self, layers: &mut Vec<Layer>) {
         let axes: Axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
-        let outlines = Vec::from_iter(self.elements.iter().map(|it| it.outline.clone()));
+        let outlines: Vec<_> = self.elements.iter().map(|it| it.outline.clone()).collect();
         if !outlines.is_empty() {
             layers.push(Layer::Marks(Marks { outlines, axes }));
         }

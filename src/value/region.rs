@@ -83,8 +83,7 @@ impl Region {
             let (points, flags) = (points.len(), filled.len());
             return Err(RegionError::Length { cells: cells.len(), points, flags });
         }
-        let in_order = |pair: &&[u32]| pair[1] <= pair[0];
-        if let Some(pair) = cells.windows(2).find(in_order) {
+        if let Some(pair) = cells.windows(2).find(|pair| pair[1] <= pair[0]) {
             return Err(RegionError::Cell { cell: pair[1] });
         }
         if let Some(&cell) =
@@ -92,8 +91,9 @@ impl Region {
         {
             return Err(RegionError::Cell { cell });
         }
-        let not_finite = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
-        if let Some(index) = points.iter().position(not_finite) {
+        if let Some(index) =
+            points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite()))
+        {
             return Err(RegionError::NoPoint { cell: cells[index] });
         }
         Ok(Self {
@@ -174,11 +174,12 @@ impl Value for Region {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [width, height, contours] = from.counts()?;
         let (cells, points, filled) = (from.column()?, from.column()?, from.column()?);
-        let contour = |_| {
-            let hole = from.plain::<u8>()? == 1;
-            Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
-        };
-        let contours = (0..contours).map(contour).collect::<Result<_, _>>()?;
+        let contours = (0..contours)
+            .map(|_| {
+                let hole = from.plain::<u8>()? == 1;
+                Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
+            })
+            .collect::<Result<_, _>>()?;
         Ok(Self { width, height, cells, points, filled, contours })
     }
 

@@ -127,7 +127,9 @@ impl Value for Surface {
     }
 
     fn describe(&self) -> Summary {
-        let domain = |knots: &KnotVector| format!("{:?}", knots.domain());
+        fn domain(knots: &KnotVector) -> String {
+            format!("{:?}", knots.domain())
+        }
         let mut summary = Summary::default()
             .with("order", format!("{} x {}", self.u.degree() + 1, self.v.degree() + 1))
             .with("domain u", domain(&self.u))
@@ -156,7 +158,9 @@ impl Value for Surface {
     }
 
     fn hostile() -> Vec<Self> {
-        let knots = || KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        fn knots() -> Result<KnotVector, crate::KnotVectorError> {
+            KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        }
         let surfaces = clouds(9).into_iter().map(|points| {
             let net = ControlNet::new(3, 3, points).ok()?;
             Self::new(net, knots().ok()?, knots().ok()?).ok()

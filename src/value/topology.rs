@@ -27,14 +27,16 @@ impl Topology {
     /// That of a mesh.
     pub fn of(mesh: &Mesh) -> Self {
         let (edges, components) = rayon::join(|| mesh.edges(), || components(mesh));
-        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
+        fn count(wanted: fn(&u32) -> bool, edges_faces: &[u32]) -> usize {
+            edges_faces.iter().filter(|n| wanted(n)).count()
+        }
         Self {
             vertices: mesh.positions().len(),
             edges: edges.vertices.len(),
             faces: mesh.faces().len(),
             components,
-            boundary: count(|&n| n == 1),
-            non_manifold: count(|&n| n > 2),
+            boundary: count(|&n| n == 1, &edges.faces),
+            non_manifold: count(|&n| n > 2, &edges.faces),
             misoriented: edges.misoriented,
         }
     }
@@ -79,8 +81,7 @@ fn components(mesh: &Mesh) -> usize {
             parents[a.max(b) as usize] = a.min(b);
         }
     }
-    let is_root = |vertex: &usize| used[*vertex] && parents[*vertex] == *vertex as u32;
-    (0..parents.len()).filter(is_root).count()
+    (0..parents.len()).filter(|vertex| used[*vertex] && parents[*vertex] == *vertex as u32).count()
 }
 
 /// Closed chains of edges with one face.
@@ -89,7 +90,9 @@ pub fn border_loops(mesh: &Mesh) -> usize {
     let mut vertices: Vec<u32> = border.iter().flatten().copied().collect();
     vertices.sort_unstable();
     vertices.dedup();
-    let index = |vertex: &u32| vertices.binary_search(vertex).unwrap_or(0);
+    fn index(vertex: &u32, vertices: &[u32]) -> usize {
+        vertices.binary_search(vertex).unwrap_or(0)
+    }
     let mut leaders: Vec<usize> = (0..vertices.len()).collect();
     fn leader(leaders: &mut [usize], mut of: usize) -> usize {
         while leaders[of] != of {
@@ -99,7 +102,7 @@ pub fn border_loops(mesh: &Mesh) -> usize {
         of
     }
     for edge in &border {
-        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end])));
+        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end], &vertices)));
         leaders[a.max(b)] = a.min(b);
     }
     (0..leaders.len()).filter(|&at| leaders[at] == at).count()
@@ -130,17 +133,19 @@ impl Extent {
         let middle =
             mesh.bounds().map_or(Point3::origin(), |(low, high)| nalgebra::center(&low, &high));
         let mut extent = Self { area: 0.0, volume: 0.0, shortest: f64::INFINITY, longest: 0.0 };
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
         for face in mesh.faces().iter() {
             let area = mesh.area_vector(face);
             extent.area += area.norm();
             for k in 1..face.len() - 1 {
                 let [a, b, c] =
-                    [face[0], face[k], face[k + 1]].map(|vertex| place(vertex) - middle);
+                    [face[0], face[k], face[k + 1]].map(|vertex| place(vertex, mesh) - middle);
                 extent.volume += a.dot(&b.cross(&c)) / 6.0;
             }
             for (&from, &to) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
-                let length = (place(from) - place(to)).norm();
+                let length = (place(from, mesh) - place(to, mesh)).norm();
                 extent.shortest = extent.shortest.min(length);
                 extent.longest = extent.longest.max(length);
             }

@@ -56,7 +56,9 @@ impl Trace {
         if let Some(pair) = steps.windows(2).find(|pair| pair[1].iteration <= pair[0].iteration) {
             return Err(TraceError::Order { iteration: pair[1].iteration });
         }
-        let is_distance = |x: f64| x >= 0.0;
+        fn is_distance(x: f64) -> bool {
+            x >= 0.0
+        }
         match steps.iter().find(|step| !is_distance(step.max) || !is_distance(step.rms)) {
             None => Ok(Self { steps }),
             Some(&TraceStep { iteration, max, rms }) => {
@@ -97,7 +99,9 @@ impl Value for Trace {
         let (Some(first), Some(last)) = (self.steps.first(), self.steps.last()) else {
             return summary;
         };
-        let distances = |step: &TraceStep| format!("max {:.3e}, rms {:.3e}", step.max, step.rms);
+        fn distances(step: &TraceStep) -> String {
+            format!("max {:.3e}, rms {:.3e}", step.max, step.rms)
+        }
         summary
             .with("iterations", last.iteration)
             .with("first", distances(first))
@@ -105,12 +109,20 @@ impl Value for Trace {
     }
 
     fn parts(&self) -> Parts<'_> {
-        let column = |of: fn(&TraceStep) -> f64| Vec::from_iter(self.steps.iter().map(of));
+        fn column(of: fn(&TraceStep) -> f64, steps: &[TraceStep]) -> Vec<f64> {
+            steps.iter().map(of).collect::<Vec<_>>()
+        }
         let mut parts = Parts::default();
         parts.fact("steps", self.steps.len());
-        parts.push("iteration", On::Step, Meaning::Exact, 1, column(|step| step.iteration as f64));
-        parts.push("max", On::Step, Meaning::Number, 1, column(|step| step.max));
-        parts.push("rms", On::Step, Meaning::Number, 1, column(|step| step.rms));
+        parts.push(
+            "iteration",
+            On::Step,
+            Meaning::Exact,
+            1,
+            column(|step| step.iteration as f64, &self.steps),
+        );
+        parts.push("max", On::Step, Meaning::Number, 1, column(|step| step.max, &self.steps));
+        parts.push("rms", On::Step, Meaning::Number, 1, column(|step| step.rms, &self.steps));
         parts
     }
 
@@ -122,29 +134,40 @@ impl Value for Trace {
             Ok(column.items.numbers().into_owned())
         };
         let (max, rms) = (column("max")?, column("rms")?);
-        let step = |(k, &x): (usize, &f64)| {
+        let numbers = iterations.items.numbers();
+        let steps = numbers.iter().enumerate().map(|(k, &x)| {
             if !(0.0..=u64::MAX as f64).contains(&x) || x.fract() != 0.0 {
                 return Err(iterations.wrong(k, x, "a count"));
             }
             Ok(TraceStep { iteration: x as u64, max: max[k], rms: rms[k] })
-        };
-        let numbers = iterations.items.numbers();
-        let steps = numbers.iter().enumerate().map(step);
+        });
         Self::new(steps.collect::<Result<_, _>>()?).map_err(PartsError::refused)
     }
 
     fn show(&self) -> Vec<Layer> {
-        let at = Vec::from_iter(self.steps.iter().map(|step| step.iteration as f64));
-        let series = |name: &str, of: fn(&TraceStep) -> f64| Series {
-            name: name.to_owned(),
-            at: at.clone(),
-            numbers: self.steps.iter().map(of).collect(),
-        };
-        vec![Layer::Plot(vec![series("max", |step| step.max), series("rms", |step| step.rms)])]
+        let at: Vec<_> = self.steps.iter().map(|step| step.iteration as f64).collect();
+        fn series(
+            name: &str,
+            of: fn(&TraceStep) -> f64,
+            at: &[f64],
+            steps: &[TraceStep],
+        ) -> Series {
+            Series {
+                name: name.to_owned(),
+                at: at.to_vec(),
+                numbers: steps.iter().map(of).collect(),
+            }
+        }
+        vec![Layer::Plot(vec![
+            series("max", |step| step.max, &at, &self.steps),
+            series("rms", |step| step.rms, &at, &self.steps),
+        ])]
     }
 
     fn hostile() -> Vec<Self> {
-        let step = |iteration, max| TraceStep { iteration, max, rms: 0.0 };
+        fn step(iteration: u64, max: f64) -> TraceStep {
+            TraceStep { iteration, max, rms: 0.0 }
+        }
         let steps = [
             vec![],
             vec![step(u64::MAX, f64::INFINITY)],

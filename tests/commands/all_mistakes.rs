@@ -17,11 +17,13 @@ fn problems(project: &Project, file: &str, text: &str) -> Vec<String> {
     assert_eq!(output.status.code(), Some(1), "{text}");
     let told: Json = serde_json::from_slice(&output.stdout).unwrap();
     let all = told["problems"].as_array().unwrap().iter();
-    let line = |it: &Json| {
-        let text = |name: &str| it[name].as_str().unwrap().to_owned();
-        format!("{} {} {}", it["line"], text("code"), text("message"))
-    };
-    all.map(line).collect()
+    all.map(|it| {
+        fn text(name: &str, it: &Json) -> String {
+            it[name].as_str().unwrap().to_owned()
+        }
+        format!("{} {} {}", it["line"], text("code", it), text("message", it))
+    })
+    .collect()
 }
 
 #[track_caller]
@@ -220,9 +222,8 @@ fn what_can_only_fail_is_refused_by_the_check() {
         fs::write(project.graph(), text).unwrap();
         let output = project.maquette(&["check", "doll.ron", "--json"]);
         let told: Json = serde_json::from_slice(&output.stdout).unwrap();
-        let found = Vec::from_iter(
-            told["problems"].as_array().unwrap().iter().filter(|it| it["line"] == 9),
-        );
+        let found: Vec<_> =
+            told["problems"].as_array().unwrap().iter().filter(|it| it["line"] == 9).collect();
         assert_eq!((output.status.code(), found.len()), (Some(1), 1), "{node}: {told}");
         assert_eq!(found[0]["code"], "G009", "{node}: {told}");
         assert!(found[0]["message"].as_str().unwrap().starts_with(message), "{node}: {told}");

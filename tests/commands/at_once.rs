@@ -26,13 +26,14 @@ fn project() -> Project {
 
 /// Starts one for each number, all before the first one is waited for.
 fn at_once(project: &Project, words: impl Fn(usize) -> Vec<String>) {
-    let start = |k: usize| {
-        let words = words(k);
-        let words = Vec::from_iter(words.iter().map(String::as_str));
-        let mut command = project.command(&words);
-        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
-    };
-    let started: Vec<Child> = (0..COUNT).map(start).collect();
+    let started: Vec<Child> = (0..COUNT)
+        .map(|k: usize| {
+            let words = words(k);
+            let words: Vec<_> = words.iter().map(String::as_str).collect();
+            let mut command = project.command(&words);
+            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+        })
+        .collect();
     for (k, mut child) in started.into_iter().enumerate() {
         assert!(child.wait().unwrap().success(), "{:?}", words(k));
     }
@@ -40,7 +41,8 @@ fn at_once(project: &Project, words: impl Fn(usize) -> Vec<String>) {
 
 fn names(project: &Project) -> Vec<String> {
     let entries = std::fs::read_dir(project.folder()).unwrap().flatten();
-    let mut names = Vec::from_iter(entries.map(|it| it.file_name().to_string_lossy().into_owned()));
+    let mut names: Vec<_> =
+        entries.map(|it| it.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }
@@ -63,10 +65,10 @@ fn no_edit_is_lost() {
 fn no_pin_is_lost() {
     let project = project();
     at_once(&project, |k| ["pin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
-    let pinned = |project: &Project| {
+    fn pinned(project: &Project) -> usize {
         let output = project.maquette(&["pin", "doll.ron", "--list"]);
         String::from_utf8_lossy(&output.stdout).lines().count()
-    };
+    }
     assert_eq!(pinned(&project), COUNT);
     at_once(&project, |k| ["unpin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
     assert_eq!(pinned(&project), 0);
@@ -83,17 +85,17 @@ fn no_update_of_a_lock_is_lost() {
         "Graph(format: 1, use: {{{uses}}}, nodes: {{{mesh}{nodes}}}, outputs: {{\"a.ply\": \"n0\"}})"
     ));
     project.copy_asset("coarse.obj", "coarse.obj");
-    let write_used = |scale: u32| {
+    fn write_used(scale: u32, project: &Project) {
         for k in 0..COUNT {
             let text = format!(
                 "Graph(format: 1, inputs: {{\"mesh\": Mesh()}}, nodes: {{\"it\": Transform(mesh: \"mesh\", scale: ({scale}, 1, 1))}}, outputs: {{\"skin\": \"it\"}})"
             );
             std::fs::write(project.folder().join(format!("u{k}.ron")), text).unwrap();
         }
-    };
-    write_used(1);
+    }
+    write_used(1, &project);
     at_once(&project, |_| ["lock", "doll.ron"].map(str::to_owned).into());
-    write_used(2);
+    write_used(2, &project);
     at_once(&project, |k| {
         ["update", "doll.ron", &format!("U{k}"), "--yes"].map(str::to_owned).into()
     });
@@ -105,24 +107,26 @@ fn no_update_of_a_lock_is_lost() {
 #[test]
 fn a_layout_is_that_of_one_of_those_who_wrote_it_and_none_is_refused() {
     let project = project();
-    let places = |k: usize, turn: usize| {
+    fn places(k: usize, turn: usize) -> serde_json::Value {
         let nodes = (0..COUNT).map(|n| (format!("n{n}"), json!([k, turn])));
         json!({ "nodes": serde_json::Map::from_iter(nodes) })
-    };
+    }
     let turns = 20;
-    let start = |k: usize| {
-        let mut command = project.command(&["serve", "--stdio"]);
-        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let mut host = piped.spawn().unwrap();
-        let mut requests = host.stdin.take().unwrap();
-        for turn in 1..=turns {
-            let layout = places(k, turn);
-            let ask = json!({ "id": turn, "do": "layout", "graph": "doll.ron", "layout": layout });
-            writeln!(requests, "{ask}").unwrap();
-        }
-        host
-    };
-    let hosts = Vec::from_iter((0..COUNT).map(start));
+    let hosts: Vec<_> = (0..COUNT)
+        .map(|k: usize| {
+            let mut command = project.command(&["serve", "--stdio"]);
+            let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+            let mut host = piped.spawn().unwrap();
+            let mut requests = host.stdin.take().unwrap();
+            for turn in 1..=turns {
+                let layout = places(k, turn);
+                let ask =
+                    json!({ "id": turn, "do": "layout", "graph": "doll.ron", "layout": layout });
+                writeln!(requests, "{ask}").unwrap();
+            }
+            host
+        })
+        .collect();
     for host in hosts {
         let told = host.wait_with_output().unwrap().stdout;
         let told = String::from_utf8_lossy(&told);
@@ -142,7 +146,7 @@ fn more_threads_than_any_machine_has_are_refused() {
     let project = project();
     std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")").unwrap();
     for words in ["run doll.ron", "inspect doll.ron n0", "test ."] {
-        let words = Vec::from_iter(words.split(' ').chain(["--threads", "1025"]));
+        let words: Vec<_> = words.split(' ').chain(["--threads", "1025"]).collect();
         let output = project.maquette(&words);
         let told = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{words:?}: {told}");

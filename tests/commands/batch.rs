@@ -77,11 +77,17 @@ fn problems(project: &Project, text: &str) -> Vec<(u64, u64, String)> {
     write(project, "doll.sweep.ron", text);
     let output = project.maquette(&["check", "doll.sweep.ron", "--json"]);
     let document: Json = serde_json::from_slice(&output.stdout).unwrap();
-    let problem = |it: &Json| {
-        let number = |name: &str| it[name].as_u64().unwrap();
-        (number("line"), number("column"), it["message"].as_str().unwrap().to_owned())
-    };
-    document["problems"].as_array().unwrap().iter().map(problem).collect()
+    document["problems"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| {
+            fn number(name: &str, it: &Json) -> u64 {
+                it[name].as_u64().unwrap()
+            }
+            (number("line", it), number("column", it), it["message"].as_str().unwrap().to_owned())
+        })
+        .collect()
 }
 
 #[test]
@@ -90,7 +96,9 @@ fn each_with_each_and_one_with_another() {
     let (code, document) = batch(&project, &[]);
     assert_eq!(code, Some(0), "{document}");
     let all = names(&document, |_| true);
-    let of = |scan: &str| ["5_0", "12_1", "20_1"].map(|rest| format!("{scan}/{rest}"));
+    fn of(scan: &str) -> [String; 3] {
+        ["5_0", "12_1", "20_1"].map(|rest| format!("{scan}/{rest}"))
+    }
     assert_eq!(all, [of("a"), of("b-2"), of("b-10")].concat());
     let first = &document["tasks"][1]["values"];
     assert_eq!(
@@ -100,7 +108,7 @@ fn each_with_each_and_one_with_another() {
     // The same scan under another name is the same work, and no task is other than a run with its values.
     let computed =
         |index: usize| document["tasks"][index]["nodes"]["computed"].as_u64().unwrap_or(0);
-    assert_eq!(Vec::from_iter((0..9).map(computed)), [15, 8, 8, 0, 0, 0, 0, 0, 0]);
+    assert_eq!((0..9).map(computed).collect::<Vec<_>>(), [15, 8, 8, 0, 0, 0, 0, 0, 0]);
     let run = ["run", "doll.ron", "--out", "one", "--set", "growth=12", "--set", "levels=1"];
     assert!(
         project
@@ -109,17 +117,19 @@ fn each_with_each_and_one_with_another() {
             .success()
     );
     for file in ["model.glb", "model.ply", "blended.pcd", "surface.ply", "nose-mask.png"] {
-        let read = |folder: &str| fs::read(project.folder().join(folder).join(file)).unwrap();
-        assert!(read("all/a/12_1") == read("one"), "{file}");
+        fn read(folder: &str, project: &Project, file: &str) -> Vec<u8> {
+            fs::read(project.folder().join(folder).join(file)).unwrap()
+        }
+        assert!(read("all/a/12_1", &project, file) == read("one", &project, file), "{file}");
     }
 }
 
 #[test]
 fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
     let project = scanned(&["a"], SWEEP);
-    let of = |over: &str, rest: &str| {
+    fn of(over: &str, rest: &str) -> String {
         format!("Sweep(\n    graph: \"doll.ron\",\n    over: {over},\n{rest})\n")
-    };
+    }
     let zip = of("Zip([Values(\"growth\", [5, 12, 20]), Values(\"levels\", [0, 1])])", "");
     assert_eq!(
         problems(&project, &zip),
@@ -205,16 +215,16 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
 #[test]
 fn tasks_of_one_name_are_told_what_gives_them_their_own() {
     let project = scanned(&["a"], SWEEP);
-    let help = |over: &str, out: &str| {
+    fn help(over: &str, out: &str, project: &Project) -> String {
         let sweep = format!("Sweep(graph: \"doll.ron\", over: {over}, out: \"{out}\")");
-        write(&project, "doll.sweep.ron", &sweep);
+        write(project, "doll.sweep.ron", &sweep);
         let told = project.maquette(&["batch", "doll.sweep.ron"]);
         assert_eq!(told.status.code(), Some(1));
         let told = String::from_utf8(told.stderr).unwrap();
         told.split("help: ").nth(1).expect("help").trim_end().to_owned()
-    };
+    }
     let two = "Product([Values(\"growth\", [5, 12]), Values(\"levels\", [0, 1])])";
-    let named = help(two, "{growth}");
+    let named = help(two, "{growth}", &project);
     assert!(named.ends_with("name what differs: `out: \"{growth}_{levels}\"`"), "{named}");
     assert!(
         problems(
@@ -223,12 +233,15 @@ fn tasks_of_one_name_are_told_what_gives_them_their_own() {
         )
         .is_empty()
     );
-    let all = help(two, "one");
+    let all = help(two, "one", &project);
     assert!(all.ends_with("name what differs: `out: \"one_{growth}_{levels}\"`"), "{all}");
-    let twice = help("Values(\"growth\", [5, 12, 5])", "{growth}");
+    let twice = help("Values(\"growth\", [5, 12, 5])", "{growth}", &project);
     assert!(twice.ends_with("the same values stand there twice: leave one of them out"), "{twice}");
-    let colors =
-        help("Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])", "{red.select.color}");
+    let colors = help(
+        "Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])",
+        "{red.select.color}",
+        &project,
+    );
     assert!(colors.contains("capital letters do not count"), "{colors}");
 }
 
@@ -382,36 +395,44 @@ fn a_change_runs_its_own_tasks_and_no_others() {
 #[test]
 fn drafts_lie_beside_the_final_results() {
     let project = scanned(&["a"], SWEEP);
-    let run = |more: &[&str]| {
+    fn run(more: &[&str], project: &Project) {
         let words = [&["batch", "doll.sweep.ron"], more].concat();
         assert!(project.maquette(&words).status.success());
-    };
-    let read = |name: &str| fs::read(project.folder().join("out").join(name)).unwrap();
-    run(&[]);
-    let (model, page) = (read("doll.sweep/a/5_0/model.glb"), read("doll.sweep/index.html"));
-    run(&["--draft"]);
-    assert_eq!(read("doll.sweep/a/5_0/model.glb"), model);
-    assert_eq!(read("doll.sweep/index.html"), page);
-    assert!(!read("doll.sweep-draft/a/5_0/model.glb").is_empty());
-    let said = |name: &str| String::from_utf8(read(name)).unwrap().contains("sweep.ron, drafts");
-    assert_eq!((said("doll.sweep-draft/index.html"), said("doll.sweep/index.html")), (true, false));
+    }
+    fn read(name: &str, project: &Project) -> Vec<u8> {
+        fs::read(project.folder().join("out").join(name)).unwrap()
+    }
+    run(&[], &project);
+    let (model, page) =
+        (read("doll.sweep/a/5_0/model.glb", &project), read("doll.sweep/index.html", &project));
+    run(&["--draft"], &project);
+    assert_eq!(read("doll.sweep/a/5_0/model.glb", &project), model);
+    assert_eq!(read("doll.sweep/index.html", &project), page);
+    assert!(!read("doll.sweep-draft/a/5_0/model.glb", &project).is_empty());
+    fn said(name: &str, project: &Project) -> bool {
+        String::from_utf8(read(name, project)).unwrap().contains("sweep.ron, drafts")
+    }
+    assert_eq!(
+        (said("doll.sweep-draft/index.html", &project), said("doll.sweep/index.html", &project)),
+        (true, false)
+    );
 }
 
 #[test]
 fn a_dry_run_says_what_would_run_and_why() {
     let project = scanned(&["a"], SWEEP);
-    let words = || {
+    fn words(project: &Project) -> String {
         let output = project.maquette(&["batch", "doll.sweep.ron", "--out", "all", "-n"]);
         assert!(output.status.success());
         String::from_utf8(output.stdout).unwrap()
-    };
+    }
     expect_test::expect![[r#"
         run        0  a/5_0   it has not been run; 15 nodes, 15 of them new
         run        1  a/12_1  it has not been run; 15 nodes, 8 of them new
         run        2  a/20_1  it has not been run; 15 nodes, 8 of them new
         3 of 3 tasks would run: 31 nodes in place of 45, for what tasks have in common is computed once
     "#]]
-    .assert_eq(&words());
+    .assert_eq(&words(&project));
     assert!(!project.folder().join("all").exists());
     let (_, document) = batch(&project, &[]);
     let computed = document["tasks"]
@@ -428,7 +449,7 @@ fn a_dry_run_says_what_would_run_and_why() {
         run        2  a/30_1  it has not been run; 8 nodes, 8 of them new
         2 of 3 tasks would run: 8 nodes
     "#]]
-    .assert_eq(&words());
+    .assert_eq(&words(&project));
 }
 
 #[test]

@@ -35,18 +35,18 @@ fn sizes(document: &Json) -> Vec<String> {
 #[test]
 fn a_report_counts_and_fails_until_all_tasks_are_done() {
     let project = project("Sweep(graph: \"doll.ron\", over: Values(\"size\", [1, 2]))");
-    let report = |more: &[&str]| {
+    fn report(more: &[&str], project: &Project) -> (Option<i32>, String, Output) {
         let output = project.maquette(&[&["batch", "s.sweep.ron", "--report"], more].concat());
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), words, output)
-    };
-    let counts = |document: &Json| {
+    }
+    fn counts(document: &Json) -> [u64; 3] {
         ["done", "failed", "missing"].map(|name| document[name].as_u64().unwrap())
-    };
-    let (code, words, _) = report(&[]);
+    }
+    let (code, words, _) = report(&[], &project);
     assert_eq!((code, &words[..]), (Some(1), "error: 2 tasks: 0 done, 0 failed, 2 missing\n"));
     project.maquette(&["batch", "s.sweep.ron", "--task", "1"]);
-    let (code, _, output) = report(&["--json"]);
+    let (code, _, output) = report(&["--json"], &project);
     let told = document(&output);
     assert_eq!((code, counts(&told)), (Some(1), [1, 0, 1]));
     assert_eq!(told["tasks"][0]["state"], "missing");
@@ -54,11 +54,11 @@ fn a_report_counts_and_fails_until_all_tasks_are_done() {
         (&told["tasks"][1]["state"], &told["tasks"][1]["name"]),
         (&"done".into(), &"2".into())
     );
-    let (code, _, output) = report(&["--events"]);
+    let (code, _, output) = report(&["--events"], &project);
     let told = document(&output);
     assert_eq!((code, counts(&told), &told["event"]), (Some(1), [1, 0, 1], &"batch".into()));
     project.maquette(&["batch", "s.sweep.ron"]);
-    let (code, words, output) = report(&["--json"]);
+    let (code, words, output) = report(&["--json"], &project);
     assert_eq!((code, counts(&document(&output)), words), (Some(0), [2, 0, 0], String::new()));
 }
 
@@ -75,35 +75,35 @@ fn a_forecast_is_json_where_that_is_asked_for() {
     let events = project.maquette(&["batch", "s.sweep.ron", "-n", "--events"]);
     let lines = String::from_utf8(events.stdout).unwrap();
     let lines =
-        Vec::from_iter(lines.lines().map(|line| serde_json::from_str::<Json>(line).unwrap()));
+        lines.lines().map(|line| serde_json::from_str::<Json>(line).unwrap()).collect::<Vec<_>>();
     assert_eq!((lines.len(), &lines[2]["due"]), (3, &1.into()));
 }
 
 #[test]
 fn tasks_come_from_ranges_and_tables() {
-    let listed = |over: &str, files: &[(&str, &str)]| {
+    fn listed(over: &str, files: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
         let project = project(&format!("Sweep(graph: \"doll.ron\", over: {over})"));
         files.iter().for_each(|(name, text)| fs::write(project.folder().join(name), text).unwrap());
         let told = document(&project.maquette(&["batch", "s.sweep.ron", "-n", "--json"]));
         let problems = told["problems"].as_array().unwrap();
         let words = problems.iter().map(|it| it["message"].as_str().unwrap().to_owned());
         (sizes(&told), Vec::from_iter(words))
-    };
+    }
     let sized =
-        |sizes: &[&str]| (Vec::from_iter(sizes.iter().map(|it| (*it).to_owned())), Vec::new());
+        |sizes: &[&str]| (sizes.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>(), Vec::new());
     assert_eq!(listed("Range(\"size\", 5, 20, 4)", &[]), sized(&["5", "10", "15", "20"]));
     assert_eq!(listed("Range(\"size\", 2, 1.5, 3)", &[]), sized(&["2", "1.75", "1.5"]));
     let csv = ("t.csv", "\u{feff}size\r\n2\r\n3.5\r\n");
     assert_eq!(listed("Table(\"t.csv\")", &[csv]), sized(&["2", "3.5"]));
     let json = ("t.json", "[{\"size\": 2}, {\"size\": 3.5}]");
     assert_eq!(listed("Table(\"t.json\")", &[json]), sized(&["2", "3.5"]));
-    let wrong = |over: &str, files: &[(&str, &str)], wanted: &str| {
+    fn wrong(over: &str, files: &[(&str, &str)], wanted: &str) {
         let (sizes, words) = listed(over, files);
         assert!(
             sizes.is_empty() && words.iter().any(|it| it.contains(wanted)),
             "{over}: {words:?}"
         );
-    };
+    }
     wrong("Range(\"size\", 5, 20, 1)", &[], "2");
     wrong("Range(\"size\", 5, 200, 4)", &[], "size");
     wrong("Table(\"none.csv\")", &[], "none.csv");

@@ -243,8 +243,10 @@ fn after_a_change_of_topology_the_distance_leads_and_its_unit_is_told() {
     let first = text.lines().find(|line| line.contains("smooth: ")).unwrap_or_default();
     assert!(first.contains("smooth: `surface, ") && first.contains(" mm, allowed is"), "{text}");
     assert!(text.contains("faces: "), "{text}");
-    let read = |name: &str| std::fs::read_to_string(path.join(name)).unwrap();
-    let (junit, page) = (read("j.xml"), read("r.html"));
+    fn read(name: &str, path: &Path) -> String {
+        std::fs::read_to_string(path.join(name)).unwrap()
+    }
+    let (junit, page) = (read("j.xml", path), read("r.html", path));
     assert!(
         junit.contains("differs by 0.") && junit.contains(" mm; 100 % of the entries seen"),
         "{junit}"
@@ -277,16 +279,16 @@ fn a_surface_of_other_faces_passes_by_its_distance_and_what_was_sampled_says_so(
 fn goldens_of_nodes_that_fail_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let mesh = |last: &str| {
+    fn mesh(last: &str, path: &Path) {
         let mesh = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 {last}\n");
         std::fs::write(path.join("mesh.obj"), mesh).unwrap();
-    };
-    mesh("3");
+    }
+    mesh("3", path);
     let graph = r#"Graph(format: 1, nodes: { "m": ReadMesh(path: "mesh.obj"), "b": Primitive(shape: Sphere(radius: 1.0)) },
         outputs: { "m.ply": "m", "b.ply": "b" })"#;
     bless(path, graph);
     let before = golden(path, "m.txt");
-    mesh("9");
+    mesh("9", path);
     for arguments in [&["--bless"][..], &[]] {
         let output = maquette(path, arguments, "", None);
         let text = said(&output);

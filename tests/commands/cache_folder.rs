@@ -15,13 +15,19 @@ fn project() -> Project {
 /// Runs a command with the cache in the project.
 fn run(project: &Project, words: &[&str]) -> (Option<i32>, String, String) {
     let output = project.maquette(&[words, &["--cache", "cache"]].concat());
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    fn text(bytes: &[u8]) -> String {
+        String::from_utf8_lossy(bytes).into_owned()
+    }
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
 /// The files in a folder of each build in the cache.
 fn files(project: &Project, what: &str) -> Vec<PathBuf> {
-    let list = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+    fn list(
+        folder: &Path,
+    ) -> std::iter::Flatten<std::iter::Flatten<std::result::IntoIter<fs::ReadDir>>> {
+        fs::read_dir(folder).into_iter().flatten().flatten()
+    }
     let homes = list(&project.folder().join("cache")).map(|home| home.path().join(what));
     homes.flat_map(|folder| list(&folder).map(|file| file.path()).collect::<Vec<_>>()).collect()
 }
@@ -35,20 +41,25 @@ fn sizes_are_told_by_node_and_graph() {
     let told: Json = serde_json::from_str(&text).unwrap();
     assert_eq!(code, Some(0));
     let nodes = told["nodes"].as_array().unwrap();
-    let size = |node: &str, kind: &str| {
-        let is_it = |it: &&Json| it["node"] == *node && it["type"] == *kind;
-        nodes.iter().find(is_it).unwrap_or_else(|| panic!("{node}: {text}")).clone()
-    };
+    fn size(node: &str, kind: &str, text: &str, nodes: &[Json]) -> Json {
+        nodes
+            .iter()
+            .find(|it| it["node"] == *node && it["type"] == *kind)
+            .unwrap_or_else(|| panic!("{node}: {text}"))
+            .clone()
+    }
     let graph = project.graph().display().to_string();
     for (node, kind) in [("mesh", "ReadMesh"), ("lifted", "Transform")] {
-        let size = size(node, kind);
+        let size = size(node, kind, &text, nodes);
         assert_eq!((&size["graph"], &size["results"]), (&graph.clone().into(), &1.into()));
         assert!(size["bytes"].as_u64().unwrap() > 100, "{size}");
     }
     // No graph gave this last, but its type is known.
     let older = nodes.iter().find(|it| it["graph"].is_null()).unwrap();
     assert_eq!((&older["type"], &older["results"]), (&"Transform".into(), &1.into()), "{text}");
-    let bytes = |value: &Json| value.as_u64().unwrap();
+    fn bytes(value: &Json) -> u64 {
+        value.as_u64().unwrap()
+    }
     let all = nodes.iter().map(|node| bytes(&node["bytes"])).sum::<u64>() + bytes(&told["other"]);
     assert_eq!(all, bytes(&told["bytes"]));
     let (_, ls, _) = run(&project, &["cache", "ls", "--json"]);
@@ -75,11 +86,11 @@ fn what_cannot_be_removed_is_an_error() {
         folders.extend(inner.filter(|it| it.is_dir()));
         next += 1;
     }
-    let mode = |mode: u32| {
+    fn mode(mode: u32, folders: &[PathBuf]) {
         folders.iter().for_each(|folder| {
             fs::set_permissions(folder, fs::Permissions::from_mode(mode)).unwrap();
         });
-    };
+    }
     let program = env!("CARGO_BIN_EXE_maquette");
     let mut command = if rustix::process::geteuid().is_root() {
         // Root may remove anything, unless it gives up that right.
@@ -90,7 +101,7 @@ fn what_cannot_be_removed_is_an_error() {
         std::process::Command::new(program)
     };
     command.current_dir(project.folder()).args(["cache", "clear", "--cache", "cache"]);
-    mode(0o555);
+    mode(0o555, &folders);
     let count = files(&project, "entries").len();
     assert!(count > 0);
     let output = command.output().unwrap();
@@ -101,7 +112,7 @@ fn what_cannot_be_removed_is_an_error() {
         "{told}"
     );
     assert_eq!(files(&project, "entries").len(), count);
-    mode(0o755);
+    mode(0o755, &folders);
     let output = command.output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(files(&project, "entries").len(), 0);
@@ -146,28 +157,32 @@ fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
 
 fn name_a_forged_result(is_rewritten: bool) {
     let project = project();
-    let verified = |project: &Project| run(project, &["run", "doll.ron", "--verify-cache", "100"]);
+    fn verified(project: &Project) -> (Option<i32>, String, String) {
+        run(project, &["run", "doll.ron", "--verify-cache", "100"])
+    }
     run(&project, &["run", "doll.ron", "--set", "lift=6"]);
     let other = files(&project, "entries");
     run(&project, &["run", "doll.ron"]);
     assert_eq!(verified(&project).0, Some(0));
     let (right, wrong) = (hash(&project, "5"), hash(&project, "6"));
     // The result of one lift in the place of that of the other: whole, but not what the node gives.
-    let content = |path: &Path| {
+    fn content(path: &Path) -> Vec<u8> {
         let bytes = fs::read(path).unwrap();
         bytes[..bytes.len() - 32].to_vec()
-    };
-    let holds = |path: &&PathBuf, hash: &str| {
+    }
+    fn holds(path: &&PathBuf, hash: &str) -> bool {
         let bytes = fs::read(path).unwrap();
         bytes.windows(hash.len()).any(|part| part == hash.as_bytes())
-    };
-    let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+    }
+    fn name(path: &Path) -> String {
+        path.file_name().unwrap().to_str().unwrap().to_owned()
+    }
     let source = other.iter().find(|path| holds(path, &wrong)).unwrap();
     let entries = files(&project, "entries");
     let place = entries.iter().find(|path| holds(path, &right)).unwrap();
-    let forge = |path: &Path, content: &[u8]| {
+    fn forge(path: &Path, content: &[u8]) {
         fs::write(path, [content, &seal(path, content)].concat()).unwrap();
-    };
+    }
     forge(place, &replaced(&content(source), &name(source), &name(place)));
     for record in files(&project, "graphs") {
         forge(&record, &replaced(&content(&record), &right, &wrong));

@@ -79,13 +79,13 @@ fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed(
     let folder = out.path().to_str().unwrap();
     let used = maquette_with_cache(cache.path(), &["run", "feature.ron", "--out", folder]);
     assert!(used.status.success(), "{}", stderr(&used));
-    let call = |more: &[&str]| {
+    fn call(more: &[&str], cache: &tempfile::TempDir, folder: &str) -> Output {
         let inputs = ["--input", "color=doll/color.png", "--input", "range=doll/range.pcd"];
         let set = ["--set", "hue=#724d31", "--set", "near=22.0", "--set", "growth=9.0"];
         let called = ["run", "lib/feature.ron", "--out", folder];
         maquette_with_cache(cache.path(), &[&called, &inputs[..], &set, more].concat())
-    };
-    let called = call(&[]);
+    }
+    let called = call(&[], &cache, folder);
     assert!(called.status.success(), "{}", stderr(&called));
     assert!(stdout(&called).contains("2 computed, 8 equal"), "{}", stdout(&called));
     assert!(out.path().join("range.pcd").exists() && out.path().join("region.ply").exists());
@@ -100,10 +100,10 @@ fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed(
     }
     let why = maquette_with_cache(cache.path(), &["why", "lib/feature.ron", "color"]);
     assert!(stdout(&why).contains("`color` runs: it gets another value"), "{}", stdout(&why));
-    let one = stdout(&call(&["--only", "range"]));
+    let one = stdout(&call(&["--only", "range"], &cache, folder));
     assert!(one.contains("range.pcd") && !one.contains("region.ply"), "{one}");
 
-    let wrong = call(&["--input", "rang=doll/range.pcd"]);
+    let wrong = call(&["--input", "rang=doll/range.pcd"], &cache, folder);
     assert_eq!(wrong.status.code(), Some(1));
     assert!(stderr(&wrong).contains("the graph has no input `rang`"), "{}", stderr(&wrong));
     let wrong = maquette(&["run", "doll.ron", "--input", "range=doll/range.pcd", "--out", folder]);
@@ -122,19 +122,19 @@ fn a_test_case_calls_a_graph_with_files() {
     }
     std::fs::copy(Path::new(GRAPHS).join("lib/feature.ron"), folder.path().join("feature.ron"))
         .unwrap();
-    let write = |inputs: &str| {
+    fn write(inputs: &str, folder: &tempfile::TempDir) -> Output {
         let test = format!(
             r#"Test(graph: "feature.ron", cases: {{ "nose": (inputs: {inputs}) }},
             expect: [Count(of: "region", what: "cells", min: 100)])"#
         );
         std::fs::write(folder.path().join("feature.test.ron"), test).unwrap();
         maquette(&["test", folder.path().to_str().unwrap()])
-    };
-    let unseen = write(r#"{ "color": "color.png", "range": "range.pcd" }"#);
+    }
+    let unseen = write(r#"{ "color": "color.png", "range": "range.pcd" }"#, &folder);
     let told = [stdout(&unseen), stderr(&unseen)].concat();
     assert!(told.contains("spot: there is no golden"), "{told}");
     assert!(!told.contains("error"), "{told}");
-    let outside = write(r#"{ "color": "../color.png" }"#);
+    let outside = write(r#"{ "color": "../color.png" }"#, &folder);
     assert!(stderr(&outside).contains("input `color`: "), "{}", stderr(&outside));
 }
 
@@ -142,17 +142,17 @@ fn a_test_case_calls_a_graph_with_files() {
 fn set_changes_a_parameter_or_a_field() {
     let out = tempfile::tempdir().unwrap();
     let folder = out.path().to_str().unwrap();
-    let run = |set: &[&str]| {
+    fn run(set: &[&str], folder: &str) -> Option<String> {
         let base = ["run", "doll.ron", "--out", folder, "--only", "blended.pcd", "--json"];
         let output = maquette(&[&base, set].concat());
         let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         document["outputs"][0]["hash"].as_str().map(str::to_owned)
-    };
-    let plain = run(&[]);
-    assert_eq!(run(&["--set", "growth=12.0"]), plain);
-    assert_ne!(run(&["--set", "growth=20"]), plain);
-    assert_ne!(run(&["--set", "blended.mode=Replace"]), plain);
-    assert_eq!(run(&["--set", "growth=99"]), None, "99 is out of range");
+    }
+    let plain = run(&[], folder);
+    assert_eq!(run(&["--set", "growth=12.0"], folder), plain);
+    assert_ne!(run(&["--set", "growth=20"], folder), plain);
+    assert_ne!(run(&["--set", "blended.mode=Replace"], folder), plain);
+    assert_eq!(run(&["--set", "growth=99"], folder), None, "99 is out of range");
 }
 
 #[test]
@@ -314,15 +314,15 @@ fn draw_needs_no_files_and_writes_svg_or_dot() {
 fn draw_reports_a_broken_graph_and_unknown_endings() {
     let folder = tempfile::tempdir().unwrap();
     let graph = folder.path().join("graph.ron");
-    let draw = |node: &str| {
+    fn draw(node: &str, graph: &Path) -> Output {
         let text = format!("Graph(format: 1, nodes: {{ \"a\": {node} }}, outputs: {{}})");
-        std::fs::write(&graph, text).unwrap();
+        std::fs::write(graph, text).unwrap();
         maquette(&["draw", graph.to_str().unwrap()])
-    };
-    let broken = draw("ReadMesh(file: \"a.obj\")");
+    }
+    let broken = draw("ReadMesh(file: \"a.obj\")", &graph);
     assert_eq!((broken.status.code(), stdout(&broken)), (Some(1), String::new()));
     assert!(stderr(&broken).contains("ReadMesh has no field `file`"));
-    let unknown = draw("Nothing()");
+    let unknown = draw("Nothing()", &graph);
     assert!(unknown.status.success() && stdout(&unknown).starts_with("<svg"));
     assert!(stderr(&unknown).contains("warning[G003]: there is no node type `Nothing`"));
     assert_eq!(maquette(&["draw", "doll.ron", "--out", "doll.png"]).status.code(), Some(2));
@@ -332,38 +332,38 @@ fn draw_reports_a_broken_graph_and_unknown_endings() {
 fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
     let (cache, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let folder = out.path().to_str().unwrap();
-    let run = |more: &[&str]| {
+    fn run(more: &[&str], cache: &tempfile::TempDir, folder: &str) -> Output {
         maquette_with_cache(cache.path(), &[&["run", "doll.ron", "--out", folder], more].concat())
-    };
-    let first = stdout(&run(&[]));
+    }
+    let first = stdout(&run(&[], &cache, folder));
     assert!(first.contains("15 nodes: 15 computed"), "{first}");
     let before = std::fs::read(out.path().join("model.glb")).unwrap();
-    let second = stdout(&run(&[]));
+    let second = stdout(&run(&[], &cache, folder));
     assert!(second.contains("15 nodes: 15 cached"), "{second}");
     assert_eq!(std::fs::read(out.path().join("model.glb")).unwrap(), before);
 
-    let dry = stdout(&run(&["-n", "--set", "growth=25"]));
+    let dry = stdout(&run(&["-n", "--set", "growth=25"], &cache, folder));
     assert!(
         dry.contains("runs      raised   parameter `distance` 12 -> 25, doll.ron:22:78"),
         "{dry}"
     );
     assert!(dry.contains("may run   model    hangs on `skin`"), "{dry}");
-    let why = |node: &str| {
+    fn why(node: &str, cache: &tempfile::TempDir) -> String {
         let why = ["why", "doll.ron", node, "--set", "growth=25"];
         stdout(&maquette_with_cache(cache.path(), &why))
-    };
-    assert_eq!(why("nose"), "`nose` does not run: nothing that it depends on changed\n");
+    }
+    assert_eq!(why("nose", &cache), "`nose` does not run: nothing that it depends on changed\n");
     expect![[r#"
         `skin` runs if what it hangs on comes out different:
           `raised` runs: parameter `distance` 12 -> 25, doll.ron:22:78
     "#]]
-    .assert_eq(&why("skin"));
+    .assert_eq(&why("skin", &cache));
 
     let usage = stdout(&maquette_with_cache(cache.path(), &["cache", "ls"]));
     assert!(usage.contains("of 1 build") && usage.contains("1 graph"), "{usage}");
     let cleared = stdout(&maquette_with_cache(cache.path(), &["cache", "clear"]));
     assert!(cleared.starts_with("dropped "), "{cleared}");
-    let again = stdout(&run(&[]));
+    let again = stdout(&run(&[], &cache, folder));
     assert!(again.contains("15 nodes: 15 computed"), "{again}");
 }
 
@@ -396,20 +396,24 @@ fn profile_prints_a_table_and_writes_a_trace() {
 #[test]
 fn files_are_compared_by_what_they_mean_and_rendered() {
     let out = tempfile::tempdir().unwrap();
-    let path = |name: &str| out.path().join(name).to_str().unwrap().to_owned();
+    fn path(name: &str, out: &tempfile::TempDir) -> String {
+        out.path().join(name).to_str().unwrap().to_owned()
+    }
     for scale in ["(1, 1, 1)", "(1, 1, 1.001)"] {
         let set = format!("lying.scale={scale}");
-        let folder = path(scale);
+        let folder = path(scale, &out);
         assert!(
             maquette(&["run", "nodes/Transform.ron", "--set", &set, "--out", &folder])
                 .status
                 .success()
         );
     }
-    let (a, b) = (path("(1, 1, 1)/lying.ply"), path("(1, 1, 1.001)/lying.ply"));
-    let compare = |more: &[&str]| maquette(&[&["compare", &a, &b], more].concat());
-    assert_eq!(compare(&[]).status.code(), Some(1));
-    let within = compare(&["--max", "1"]);
+    let (a, b) = (path("(1, 1, 1)/lying.ply", &out), path("(1, 1, 1.001)/lying.ply", &out));
+    fn compare(more: &[&str], a: &str, b: &str) -> Output {
+        maquette(&[&["compare", a, b], more].concat())
+    }
+    assert_eq!(compare(&[], &a, &b).status.code(), Some(1));
+    let within = compare(&["--max", "1"], &a, &b);
     assert!(
         within.status.success() && stdout(&within).starts_with("within tolerance"),
         "{}",
@@ -422,7 +426,7 @@ fn files_are_compared_by_what_they_mean_and_rendered() {
         vec!["nodes/Transform.ron", "lying.ply"],
         vec!["nodes/Transform.ron", "doll"],
     ] {
-        let picture = path("a.png");
+        let picture = path("a.png", &out);
         let output = maquette(
             &[
                 &["render"],
@@ -440,38 +444,46 @@ fn files_are_compared_by_what_they_mean_and_rendered() {
 #[test]
 fn a_model_comes_with_the_picture_that_its_material_names() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    fn write(name: &str, bytes: &[u8], folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), bytes).unwrap()
+    }
     let model = "mtllib quad.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
         usemtl paint\nf 1/1 2/2 3/3 4/4\n";
     let red = Image::new(2, 2, vec![[220, 10, 10]; 4]).unwrap();
-    write("quad.obj", model.as_bytes());
-    write("quad.mtl", b"newmtl paint\nmap_Kd red paint.png\n");
-    write("red paint.png", &png::encode_rgb(&red).unwrap());
+    write("quad.obj", model.as_bytes(), &folder);
+    write("quad.mtl", b"newmtl paint\nmap_Kd red paint.png\n", &folder);
+    write("red paint.png", &png::encode_rgb(&red).unwrap(), &folder);
     write(
         "a.ron",
         br#"Graph(format: 1, nodes: { "m": ReadMesh(path: "quad.obj") }, outputs: { "b.obj": "m" })"#,
+        &folder,
     );
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    fn at(name: &str, folder: &tempfile::TempDir) -> String {
+        folder.path().join(name).to_str().unwrap().to_owned()
+    }
 
-    let picture = at("front.png");
-    let output = maquette(&["render", &at("quad.obj"), &picture, "--size", "40x40"]);
+    let picture = at("front.png", &folder);
+    let output = maquette(&["render", &at("quad.obj", &folder), &picture, "--size", "40x40"]);
     assert_eq!(stderr(&output), "");
     let [r, g, b] = png::read(&std::fs::read(&picture).unwrap()).unwrap().at([20, 20]);
     assert!(g.max(b) < 100 && 100 < r, "{r} {g} {b}");
 
     let cache = tempfile::tempdir().unwrap();
-    let run = || {
-        let output = maquette_with_cache(cache.path(), &["run", &at("a.ron"), "--out", &at("out")]);
+    fn run(cache: &tempfile::TempDir, folder: &tempfile::TempDir) -> String {
+        let output = maquette_with_cache(
+            cache.path(),
+            &["run", &at("a.ron", folder), "--out", &at("out", folder)],
+        );
         assert!(output.status.success(), "{}", stderr(&output));
         stderr(&output)
-    };
-    assert_eq!(run(), "");
+    }
+    assert_eq!(run(&cache, &folder), "");
     let copy = std::fs::read(folder.path().join("out/b.png")).unwrap();
     assert_eq!(png::read(&copy).unwrap(), red);
-    std::fs::remove_file(at("red paint.png")).unwrap();
+    std::fs::remove_file(at("red paint.png", &folder)).unwrap();
     let text = "there is no file `red paint.png`: the mesh comes without its picture";
-    assert!(run().contains(text), "the picture is a part of what was read");
-    let output = maquette(&["render", &at("quad.obj"), &picture]);
+    assert!(run(&cache, &folder).contains(text), "the picture is a part of what was read");
+    let output = maquette(&["render", &at("quad.obj", &folder), &picture]);
     assert_eq!(stderr(&output), format!("warning: {text}\n"));
 }
 

@@ -33,9 +33,11 @@ fn sheet(is_gone: impl Fn(usize) -> bool) -> String {
 #[test]
 fn a_mesh_without_thirty_of_its_faces_is_not_the_same_surface() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
-    write("whole.obj", sheet(|_| false));
-    write("holed.obj", sheet(|face| face % 13 == 4 && face < 390));
+    fn write(name: &str, text: String, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    write("whole.obj", sheet(|_| false), &folder);
+    write("holed.obj", sheet(|face| face % 13 == 4 && face < 390), &folder);
     for (old, new, told, other) in [
         ("whole.obj", "holed.obj", "old to new", "new to old"),
         ("holed.obj", "whole.obj", "new to old", "old to new"),
@@ -67,19 +69,19 @@ fn pictures(folder: &Path) {
 fn pictures_are_compared_with_a_share_a_hard_bound_and_a_relative_one() {
     let folder = tempfile::tempdir().unwrap();
     pictures(folder.path());
-    let compare = |more: &[&str]| {
+    fn compare(more: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let compared = maquette(folder.path(), &[&["compare", "a.png", "b.png"], more].concat());
         (compared.status.code(), said(&compared))
-    };
-    assert_eq!(compare(&["--differing", "0.1"]).0, Some(0));
-    let (code, text) = compare(&["--differing", "0.1", "--hard", "20"]);
+    }
+    assert_eq!(compare(&["--differing", "0.1"], &folder).0, Some(0));
+    let (code, text) = compare(&["--differing", "0.1", "--hard", "20"], &folder);
     let reason = "`color` differs by 93 levels, allowed is 20 (hard); worst at column 21, row 43";
     assert!(code == Some(1) && text.contains(reason), "{text}");
     assert!(text.contains("0.01 % differ"), "{text}");
-    assert_eq!(compare(&["--differing", "0.1", "--hard", "93"]).0, Some(0));
+    assert_eq!(compare(&["--differing", "0.1", "--hard", "93"], &folder).0, Some(0));
     // 93 is 63 % of the mean of 100 and 193.
-    assert_eq!(compare(&["--relative", "0.64"]).0, Some(0));
-    assert_eq!(compare(&["--relative", "0.62"]).0, Some(1));
+    assert_eq!(compare(&["--relative", "0.64"], &folder).0, Some(0));
+    assert_eq!(compare(&["--relative", "0.62"], &folder).0, Some(1));
     for (arguments, told) in [
         (&["--differing", "5"][..], "expected a number from 0 to 1"),
         (&["--differing", "NaN"], "expected a number from 0 to 1"),
@@ -94,9 +96,9 @@ fn pictures_are_compared_with_a_share_a_hard_bound_and_a_relative_one() {
         // An argument that begins with a hyphen is given behind an equals sign.
         let joined = match arguments {
             [name, value] => vec![format!("{name}={value}")],
-            _ => Vec::from_iter(arguments.iter().map(|&it| it.to_owned())),
+            _ => arguments.iter().map(|&it| it.to_owned()).collect::<Vec<_>>(),
         };
-        let (code, text) = compare(&Vec::from_iter(joined.iter().map(String::as_str)));
+        let (code, text) = compare(&joined.iter().map(String::as_str).collect::<Vec<_>>(), &folder);
         assert!(code == Some(2) && text.contains(told), "{arguments:?}: {text}");
     }
 }
@@ -106,12 +108,12 @@ fn a_test_of_a_picture_has_the_same_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let (path, name) = (folder.path(), "picture.test.ron");
     pictures(path);
-    let graph = |file: &str| {
+    fn graph(file: &str, path: &Path) {
         let text = format!(
             "Graph(format: 1, nodes: {{ \"it\": ReadImage(path: \"{file}\") }}, outputs: {{ \"it.png\": \"it\" }})"
         );
         std::fs::write(path.join("picture.ron"), text).unwrap();
-    };
+    }
     let test = |bounds: &str, more: &[&str]| {
         let text =
             format!("Test(graph: \"picture.ron\", compare: {{ \"it.png\": Image({bounds}) }})");
@@ -119,9 +121,9 @@ fn a_test_of_a_picture_has_the_same_bounds() {
         let tested = maquette(path, &[&["test", name], more].concat());
         (tested.status.code(), said(&tested))
     };
-    graph("a.png");
+    graph("a.png", path);
     assert_eq!(test("differing: 0.1", &["--bless"]).0, Some(0));
-    graph("b.png");
+    graph("b.png", path);
     assert_eq!(test("differing: 0.1", &[]).0, Some(0));
     let (code, text) = test("differing: 0.1, hard: 20.0", &[]);
     assert!(code == Some(1) && text.contains("allowed is 20 (hard)"), "{text}");

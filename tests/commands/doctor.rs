@@ -32,10 +32,11 @@ impl Cache {
         let output = self.maquette(&["run", "doll.ron", "--out", out.to_str().unwrap()]);
         assert!(output.status.success() && output.stderr.is_empty(), "{}", said(&output));
         let files = fs::read_dir(out).unwrap().map(|file| file.unwrap().path());
-        let file = |path: PathBuf| {
-            (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(path).unwrap())
-        };
-        let mut files = Vec::from_iter(files.map(file));
+        let mut files: Vec<_> = files
+            .map(|path: PathBuf| {
+                (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(path).unwrap())
+            })
+            .collect();
         files.sort();
         (said(&output), files)
     }
@@ -67,10 +68,10 @@ impl Cache {
     fn is_mended(&self, wrong: &[&Path], before: &[(String, Vec<u8>)]) {
         let all = self.files("");
         let (code, told) = self.doctor(&["--dry-run"]);
-        let paths = |told: &serde_json::Value| {
+        fn paths(told: &serde_json::Value) -> Vec<PathBuf> {
             let faults = told["faults"].as_array().unwrap().iter();
-            Vec::from_iter(faults.map(|fault| PathBuf::from(fault["path"].as_str().unwrap())))
-        };
+            faults.map(|fault| PathBuf::from(fault["path"].as_str().unwrap())).collect::<Vec<_>>()
+        }
         let found = paths(&told);
         for path in wrong {
             assert!(
@@ -117,8 +118,11 @@ fn every_flipped_bit_and_every_cut_is_found_and_mended() {
     let (_, before) = cache.run();
     for round in 0..4 {
         let files = cache.files("");
-        let damaged =
-            Vec::from_iter(files.iter().enumerate().filter(|(k, _)| round == 3 || k % 3 == round));
+        let damaged = files
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| round == 3 || k % 3 == round)
+            .collect::<Vec<_>>();
         for (k, path) in &damaged {
             let length = fs::metadata(path).unwrap().len();
             match (k + round) % 4 {
@@ -153,11 +157,11 @@ fn whole_files_under_the_names_of_others_are_found() {
         assert!(!other.exists() && from.exists(), "{what}");
     }
     let entries = cache.files("entries");
-    let contents = Vec::from_iter(entries.iter().map(|path| fs::read(path).unwrap()));
+    let contents: Vec<_> = entries.iter().map(|path| fs::read(path).unwrap()).collect();
     for (path, content) in entries.iter().zip(contents.iter().cycle().skip(1)) {
         fs::write(path, content).unwrap();
     }
-    cache.is_mended(&Vec::from_iter(entries.iter().map(|path| &**path)), &before);
+    cache.is_mended(&entries.iter().map(|path| &**path).collect::<Vec<_>>(), &before);
 }
 
 #[test]
@@ -173,12 +177,12 @@ fn results_without_their_columns_and_columns_without_results_go() {
     let incomplete = incomplete.map(|fault| PathBuf::from(fault["path"].as_str().unwrap()));
     let incomplete = Vec::from_iter(incomplete);
     assert!(!incomplete.is_empty(), "{told:#}");
-    cache.is_mended(&Vec::from_iter(incomplete.iter().map(|path| &**path)), &before);
+    cache.is_mended(&incomplete.iter().map(|path| &**path).collect::<Vec<_>>(), &before);
     for entry in cache.files("entries") {
         fs::remove_file(entry).unwrap();
     }
     let columns = cache.files("columns");
-    cache.is_mended(&Vec::from_iter(columns.iter().map(|path| &**path)), &before);
+    cache.is_mended(&columns.iter().map(|path| &**path).collect::<Vec<_>>(), &before);
 }
 
 #[test]

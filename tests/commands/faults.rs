@@ -30,7 +30,9 @@ fn start(growth: &str, cache: &Path, out: &Path) -> Child {
 /// The files of a folder by name, without those of a process that was killed while it wrote.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let entries = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
-    let name = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().to_owned();
+    fn name(path: &PathBuf) -> String {
+        path.file_name().unwrap().to_str().unwrap().to_owned()
+    }
     let whole = entries.filter(|path| !name(path).starts_with(".maquette-"));
     let mut files: Vec<_> = whole.map(|path| (name(&path), fs::read(&path).unwrap())).collect();
     files.sort();
@@ -70,8 +72,13 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
         let _ = child.kill();
         child.wait().unwrap();
         for (name, content) in files(out.path()) {
-            let is = |files: &[(String, Vec<u8>)]| files.contains(&(name.clone(), content.clone()));
-            assert!(is(&old) || is(&new), "{name} is neither the old nor the new one");
+            fn is(files: &[(String, Vec<u8>)], name: &str, content: &[u8]) -> bool {
+                files.contains(&(name.to_owned(), content.to_owned()))
+            }
+            assert!(
+                is(&old, &name, &content) || is(&new, &name, &content),
+                "{name} is neither the old nor the new one"
+            );
         }
     }
     run("20", cache.path(), out.path());

@@ -30,17 +30,23 @@ fn told(project: &Project, words: &[&str]) -> (Vec<String>, String) {
     let words = [words, &["--cache", "cache"]].concat();
     let output = project.maquette(&words);
     let text = String::from_utf8(output.stdout).unwrap();
-    let first = |line: &str| {
-        let words = Vec::from_iter(line.split_whitespace().take(2));
-        words.join(" ")
-    };
-    let lines = text.lines().map(first).collect();
+    let lines = text
+        .lines()
+        .map(|line| {
+            let words: Vec<_> = line.split_whitespace().take(2).collect();
+            words.join(" ")
+        })
+        .collect();
     (lines, text)
 }
 
 /// The files of the results in the cache.
 fn results(project: &Project) -> Vec<PathBuf> {
-    let files = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+    fn files(
+        folder: &Path,
+    ) -> std::iter::Flatten<std::iter::Flatten<std::result::IntoIter<fs::ReadDir>>> {
+        fs::read_dir(folder).into_iter().flatten().flatten()
+    }
     let homes = files(&project.folder().join("cache")).map(|home| home.path());
     homes
         .flat_map(|home| files(&home.join("entries")).map(|file| file.path()).collect::<Vec<_>>())
@@ -86,13 +92,24 @@ fn a_batch_knows_what_the_cache_has_dropped() {
     let batch = ["batch", "doll.ron", "--sweep", "lift=1", "--out", "all"];
     told(&project, &batch);
     wait();
-    let output = |folder: std::io::Result<fs::DirEntry>| folder.unwrap().path().join("out.obj");
-    let outputs = fs::read_dir(project.folder().join("all")).unwrap().map(output);
+    let outputs = fs::read_dir(project.folder().join("all"))
+        .unwrap()
+        .map(|folder: std::io::Result<fs::DirEntry>| folder.unwrap().path().join("out.obj"));
     fs::remove_file(outputs.into_iter().find(|it| it.exists()).unwrap()).unwrap();
-    let forecast = || told(&project, &[&batch[..], &["-n"]].concat()).1;
-    assert!(forecast().contains("; 0 nodes, 0 of them new"), "{}", forecast());
+    fn forecast(project: &Project, batch: &[&str; 6]) -> String {
+        told(project, &[&batch[..], &["-n"]].concat()).1
+    }
+    assert!(
+        forecast(&project, &batch).contains("; 0 nodes, 0 of them new"),
+        "{}",
+        forecast(&project, &batch)
+    );
     drop_results(&project);
-    assert!(forecast().contains("; 2 nodes, 2 of them new"), "{}", forecast());
+    assert!(
+        forecast(&project, &batch).contains("; 2 nodes, 2 of them new"),
+        "{}",
+        forecast(&project, &batch)
+    );
 }
 
 #[test]
@@ -130,11 +147,11 @@ fn a_large_file_at_an_input_is_not_read_for_a_forecast() {
     project.save(FUNCTION);
     let sweep = "Sweep(graph: \"doll.ron\", over: Files(\"*.obj\", input: \"mesh\"))";
     fs::write(project.folder().join("all.sweep.ron"), sweep).unwrap();
-    let large = |bytes: u64| {
+    fn large(bytes: u64, project: &Project) {
         let file = fs::File::create(project.folder().join("large.obj")).unwrap();
         file.set_len(bytes).unwrap();
-    };
-    large(50 << 30);
+    }
+    large(50 << 30, &project);
     let start = Instant::now();
     let input = ["--input", "mesh=large.obj"];
     for before in [false, true] {
@@ -161,23 +178,25 @@ fn a_large_file_at_an_input_is_not_read_for_a_forecast() {
 fn a_large_file_at_an_input_that_has_not_changed_is_known_by_its_stamp() {
     let project = project();
     project.save(FUNCTION);
-    let write = |corner: &str| {
+    fn write(corner: &str, project: &Project) {
         let comment = format!("#{}\n", " ".repeat(99)).repeat(700_000);
         let mesh = TETRAHEDRON.replace("v 9 0 0", corner);
         fs::write(project.folder().join("large.obj"), mesh + &comment).unwrap();
         wait();
-    };
+    }
     let input = ["--input", "mesh=large.obj"];
-    let dry = || told(&project, &[&["run", "doll.ron", "-n"], &input[..]].concat());
-    write("v 9 0 0");
+    fn dry(project: &Project, input: &[&str; 2]) -> (Vec<String>, String) {
+        told(project, &[&["run", "doll.ron", "-n"], &input[..]].concat())
+    }
+    write("v 9 0 0", &project);
     told(&project, &[&["run", "doll.ron"], &input[..]].concat());
-    let (lines, text) = dry();
+    let (lines, text) = dry(&project, &input);
     assert_eq!(lines, ["cached mesh", "cached lifted"], "{text}");
     let (_, text) =
         told(&project, &[&["run", "doll.ron", "-n", "--set", "lift=6"], &input[..]].concat());
     assert!(text.contains("parameter `translate[1]` 5 -> 6"), "{text}");
-    write("v 8 0 0");
-    let (lines, text) = dry();
+    write("v 8 0 0", &project);
+    let (lines, text) = dry(&project, &input);
     assert_eq!(lines, ["may run", "may run"].map(str::to_owned), "{text}");
     assert!(text.contains("file large.obj may have changed and was not read"), "{text}");
 }

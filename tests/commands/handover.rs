@@ -90,21 +90,21 @@ fn commands_of_openjd(project: &Project, job: &str) -> [Vec<Vec<String>>; 3] {
     let job: Json = serde_json::from_str(job).unwrap();
     let folder = project.folder().display().to_string();
     let steps = job["steps"].as_array().unwrap();
-    let command = |step: &Json, task: usize| {
+    fn command(step: &Json, task: usize, folder: &str) -> Vec<String> {
         let run = &step["script"]["actions"]["onRun"];
         let args = run["args"].as_array().unwrap().iter().map(|word| {
-            let word = word.as_str().unwrap().replace("{{Param.Project}}", &folder);
+            let word = word.as_str().unwrap().replace("{{Param.Project}}", folder);
             word.replace("{{Task.Param.Task}}", &task.to_string())
         });
         [run["command"].as_str().unwrap().to_owned()].into_iter().chain(args).collect::<Vec<_>>()
-    };
+    }
     let range = &steps[1]["parameterSpace"]["taskParameterDefinitions"][0]["range"];
     let (_, last) = range.as_str().unwrap().split_once('-').unwrap();
     let tasks = 0..=last.parse::<usize>().unwrap();
     [
-        vec![command(&steps[0], 0)],
-        tasks.map(|task| command(&steps[1], task)).collect(),
-        vec![command(&steps[2], 0)],
+        vec![command(&steps[0], 0, &folder)],
+        tasks.map(|task| command(&steps[1], task, &folder)).collect(),
+        vec![command(&steps[2], 0, &folder)],
     ]
 }
 
@@ -116,15 +116,21 @@ fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
     write(project, "slurm/sbatch", sbatch);
     let submitted = shell(project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh");
     assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", err(&submitted));
-    let read = |name: &str| fs::read_to_string(project.folder().join("slurm").join(name)).unwrap();
+    fn read(name: &str, project: &Project) -> String {
+        fs::read_to_string(project.folder().join("slurm").join(name)).unwrap()
+    }
     [0, 1, 2].map(|id| {
-        assert!(!read(&format!("job{id}")).contains("HOME"));
-        let words = read(&format!("words{id}"));
+        assert!(!read(&format!("job{id}"), project).contains("HOME"));
+        let words = read(&format!("words{id}"), project);
         let (_, array) = words.split_once("--array=").unwrap();
         let array = array.split_whitespace().next().unwrap();
         let last = array.rsplit('-').next().unwrap().parse::<usize>().unwrap();
-        let element = |element| format!("SLURM_ARRAY_TASK_ID={element} bash slurm/job{id}");
-        (0..=last).map(|task| ["bash", "-c", &element(task)].map(str::to_owned).to_vec()).collect()
+        fn element(element: usize, id: i32) -> String {
+            format!("SLURM_ARRAY_TASK_ID={element} bash slurm/job{id}")
+        }
+        (0..=last)
+            .map(|task| ["bash", "-c", &element(task, id)].map(str::to_owned).to_vec())
+            .collect()
     })
 }
 
@@ -151,7 +157,7 @@ fn refuse(project: &Project, commands: &[Vec<String>]) {
 fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_task() {
     for engine in ["lines", "openjd", "slurm"] {
         let project = scanned();
-        let commands = |project: &Project| {
+        fn commands(project: &Project, engine: &str) -> [Vec<Vec<String>>; 3] {
             let job = emitted(project, engine);
             match engine {
                 "lines" => {
@@ -162,8 +168,8 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
                 "openjd" => commands_of_openjd(project, &job),
                 _ => commands_of_slurm(project, &job),
             }
-        };
-        let [warm, tasks, sheet] = commands(&project);
+        }
+        let [warm, tasks, sheet] = commands(&project, engine);
         assert_eq!(tasks.len(), 3, "{engine}");
         succeeds(&project, &warm);
         succeeds(&project, &tasks[..1]);
@@ -182,7 +188,7 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
         if engine == "slurm" {
             fs::remove_dir_all(project.folder().join("slurm")).unwrap();
         }
-        let [warm, tasks, sheet] = commands(&project);
+        let [warm, tasks, sheet] = commands(&project, engine);
         assert_eq!(tasks.len(), 4, "{engine}");
         [warm, tasks, sheet].iter().for_each(|commands| succeeds(&project, commands));
         assert_eq!(records(&project).len(), 4, "{engine}");
@@ -255,7 +261,7 @@ fn refused(project: &Project, job: &str) -> String {
 
 #[test]
 fn a_job_says_what_has_changed_since_it_was_handed_over() {
-    let check = |change: &dyn Fn(&Project, &Path), told: &str| {
+    fn check(change: &dyn Fn(&Project, &Path), told: &str) {
         let project = scanned();
         let jobs = emitted(&project, "lines");
         change(&project, &project.folder().join("scans"));
@@ -263,7 +269,7 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
             let found = refused(&project, job);
             assert!(found.contains(told), "`{told}` in {found}");
         }
-    };
+    }
     let sweep = |from: &'static str, to: &'static str| {
         move |project: &Project, _: &Path| write(project, "s.sweep.ron", &SWEEP.replace(from, to))
     };

@@ -105,32 +105,43 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
 type Told = BTreeSet<(String, u64, String, [u64; 4], String)>;
 
 fn told_by_check(document: &Json) -> Told {
-    let number = |problem: &Json, name: &str| problem[name].as_u64().unwrap() - 1;
+    fn number(problem: &Json, name: &str) -> u64 {
+        problem[name].as_u64().unwrap() - 1
+    }
     let problems = document["problems"].as_array().unwrap().iter().map(|problem| {
         let place = ["line", "column", "end_line", "end_column"].map(|name| number(problem, name));
         let severity = if problem["severity"] == "error" { 1 } else { 2 };
-        let text = |name: &str| problem[name].as_str().unwrap().to_owned();
-        (format!("file://{}", text("file")), severity, text("code"), place, text("message"))
+        fn text(name: &str, problem: &Json) -> String {
+            problem[name].as_str().unwrap().to_owned()
+        }
+        (
+            format!("file://{}", text("file", problem)),
+            severity,
+            text("code", problem),
+            place,
+            text("message", problem),
+        )
     });
     problems.collect()
 }
 
 fn told_by_server(uri: &str, diagnostics: &[Json]) -> Told {
     let one = |it: &Json| {
-        let number = |way: &str| it.pointer(way).unwrap().as_u64().unwrap();
         let place = [
             "/range/start/line",
             "/range/start/character",
             "/range/end/line",
             "/range/end/character",
         ];
-        let text = |name: &str| it[name].as_str().unwrap().to_owned();
+        fn text(name: &str, it: &Json) -> String {
+            it[name].as_str().unwrap().to_owned()
+        }
         (
             uri.to_owned(),
             it["severity"].as_u64().unwrap(),
-            text("code"),
-            place.map(number),
-            text("message"),
+            text("code", it),
+            place.map(|way| it.pointer(way).unwrap().as_u64().unwrap()),
+            text("message", it),
         )
     };
     diagnostics.iter().map(one).collect()
@@ -144,16 +155,19 @@ fn problems_are_those_of_check() {
     let mut all = Vec::new();
     files(&place.path("bad"), &mut all);
     files(&place.path("good"), &mut all);
-    let all = Vec::from_iter(all.into_iter().filter(|path| {
-        let text = std::fs::read_to_string(path).unwrap_or_default();
-        // Letters beyond the first plane count twice in an editor.
-        let word = text
-            .lines()
-            .find(|line| !line.trim().is_empty() && !line.trim_start().starts_with("//"));
-        word.is_some_and(|line| {
-            ["Graph", "Patch", "Test"].iter().any(|word| line.starts_with(word))
-        }) && text.chars().all(|c| c.len_utf16() == 1)
-    }));
+    let all: Vec<_> = all
+        .into_iter()
+        .filter(|path| {
+            let text = std::fs::read_to_string(path).unwrap_or_default();
+            // Letters beyond the first plane count twice in an editor.
+            let word = text
+                .lines()
+                .find(|line| !line.trim().is_empty() && !line.trim_start().starts_with("//"));
+            word.is_some_and(|line| {
+                ["Graph", "Patch", "Test"].iter().any(|word| line.starts_with(word))
+            }) && text.chars().all(|c| c.len_utf16() == 1)
+        })
+        .collect();
     assert!(all.len() > 100, "{}", all.len());
     let mut errors = 0;
     for path in &all {
@@ -223,8 +237,10 @@ fn a_used_file_counts_as_it_is_in_the_editor() {
     let other = NOSE.replace("\"lift\"", "\"raise\"");
     editor.open(&nose, &other);
     editor.diagnostics(&nose);
-    let messages =
-        Vec::from_iter(editor.told[&uri(&face)].iter().map(|it| it["message"].as_str().unwrap()));
+    let messages = editor.told[&uri(&face)]
+        .iter()
+        .map(|it| it["message"].as_str().unwrap())
+        .collect::<Vec<_>>();
     assert!(messages.contains(&"Nose has no field `lift`"), "{messages:?}");
     // On disk nothing has changed; closed, it counts as it is there.
     editor.tell("textDocument/didClose", json!({ "textDocument": { "uri": uri(&nose) } }));
@@ -258,12 +274,12 @@ fn what_belongs_to_nobody_is_left_alone() {
 fn hover_says_what_is_known() {
     let place = face();
     let path = place.path("face.ron");
-    let said = |editor: &mut Editor, text: &str, mark: &str| {
-        let found = editor.at("textDocument/hover", &path, text, mark);
+    fn said(editor: &mut Editor, text: &str, mark: &str, path: &Path) -> String {
+        let found = editor.at("textDocument/hover", path, text, mark);
         found["contents"]["value"].as_str().unwrap_or_default().to_owned()
-    };
+    }
     let check = |editor: &mut Editor, mark: &str, wanted: &[&str]| {
-        let found = said(editor, FACE, mark);
+        let found = said(editor, FACE, mark, &path);
         wanted
             .iter()
             .for_each(|wanted| assert!(found.contains(wanted), "{wanted} in {found} at {mark}"));
@@ -283,21 +299,21 @@ fn hover_says_what_is_known() {
     check(e, "ex|pect", &["expect"]);
     check(e, "[Clo|sed(\"smooth\")", &["Closed", "no boundary"]);
     check(e, "\"ball.|obj\"", &["ball.obj", "bytes"]);
-    let nothing = said(e, FACE, "not |ASCII");
+    let nothing = said(e, FACE, "not |ASCII", &path);
     assert_eq!(nothing, "");
     // What the last evaluation found, and that it is old after an edit.
-    assert!(!said(e, FACE, "\"nose.m|esh\"").contains("last"));
+    assert!(!said(e, FACE, "\"nose.m|esh\"", &path).contains("last"));
     drop(editor);
     place.run(&["run", "face.ron"]);
     let mut editor = place.editor();
     editor.open(&path, FACE);
-    let found = said(&mut editor, FACE, "\"smo|oth\": Sub");
+    let found = said(&mut editor, FACE, "\"smo|oth\": Sub", &path);
     assert!(found.contains("last: 10 vertices") && !found.contains("stale"), "{found}");
     let other = FACE.replace("growth * 2", "growth * 3");
     editor.change(&path, &other);
-    let found = said(&mut editor, &other, "\"smo|oth\": Sub");
+    let found = said(&mut editor, &other, "\"smo|oth\": Sub", &path);
     assert!(found.contains("stale") && found.contains("10 vertices"), "{found}");
-    let found = said(&mut editor, &other, "\"ba|ll\": Read");
+    let found = said(&mut editor, &other, "\"ba|ll\": Read", &path);
     assert!(found.contains("last: 4 vertices") && !found.contains("stale"), "{found}");
 }
 
@@ -316,8 +332,12 @@ fn hints_are_what_came_out_and_nothing_runs_for_them() {
     let mut editor = place.editor();
     editor.open(&path, FACE);
     let hints = editor.ask("textDocument/inlayHint", asked.clone());
-    let labels =
-        Vec::from_iter(hints.as_array().unwrap().iter().map(|it| it["label"].as_str().unwrap()));
+    let labels = hints
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| it["label"].as_str().unwrap())
+        .collect::<Vec<_>>();
     assert_eq!(labels.len(), 5, "{labels:?}");
     assert!(labels[0].starts_with("4 vertices") && labels[0].ends_with('s'), "{labels:?}");
     assert!(!place.path("out").join("nothing").exists());
@@ -375,18 +395,22 @@ fn colors_links_symbols_folds_and_words() {
         "{links}"
     );
     let symbols = ask("documentSymbol");
-    let names =
-        Vec::from_iter(symbols.as_array().unwrap().iter().map(|it| it["name"].as_str().unwrap()));
+    let names = symbols
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| it["name"].as_str().unwrap())
+        .collect::<Vec<_>>();
     assert!(names.contains(&"nodes") && names.contains(&"outputs"), "{names:?}");
     let nodes = symbols.as_array().unwrap().iter().find(|it| it["name"] == "nodes").unwrap();
     assert!(nodes["children"].as_array().unwrap().len() > 5);
     for symbol in symbols.as_array().unwrap() {
         for inner in symbol["children"].as_array().unwrap() {
-            let within = |a: &Json, b: &Json| {
+            fn within(a: &Json, b: &Json) -> bool {
                 let at =
                     |it: &Json| (it["line"].as_u64().unwrap(), it["character"].as_u64().unwrap());
                 at(&b["start"]) <= at(&a["start"]) && at(&a["end"]) <= at(&b["end"])
-            };
+            }
             assert!(within(&inner["range"], &symbol["range"]), "{inner} in {symbol}");
             assert!(within(&inner["selectionRange"], &inner["range"]), "{inner}");
         }
@@ -417,17 +441,18 @@ fn lenses_run_watch_inspect_and_say_why() {
     editor.open(&path, FACE);
     let document = json!({ "textDocument": { "uri": uri(&path) } });
     let lenses = editor.ask("textDocument/codeLens", document.clone());
-    let titles = |lenses: &Json| {
-        Vec::from_iter(
-            lenses
-                .as_array()
-                .unwrap()
-                .iter()
-                .map(|it| it["command"]["title"].as_str().unwrap().to_owned()),
-        )
-    };
+    fn titles(lenses: &Json) -> Vec<String> {
+        lenses
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|it| it["command"]["title"].as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    }
     assert_eq!(titles(&lenses), ["run", "watch", "inspect", "why", "inspect", "why"]);
-    let command = |lens: &Json| lens["command"].clone();
+    fn command(lens: &Json) -> Json {
+        lens["command"].clone()
+    }
     let ran = editor.ask("workspace/executeCommand", command(&lenses[0]));
     assert!(ran["text"].as_str().unwrap().contains("nodes computed"), "{ran}");
     let whole =

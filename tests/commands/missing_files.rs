@@ -27,9 +27,13 @@ pub(crate) fn project() -> Project {
 fn run(project: &Project, more: &[&str]) -> (Option<i32>, Vec<String>, Vec<String>) {
     let output = project.maquette(&[&["run", "doll.ron", "--json"], more].concat());
     let told: Json = serde_json::from_slice(&output.stdout).unwrap();
-    let text = |value: &Json| value.as_str().unwrap().to_owned();
-    let all = |name: &str| told[name].as_array().unwrap().clone();
-    let problems = all("problems").into_iter().map(|problem| {
+    fn text(value: &Json) -> String {
+        value.as_str().unwrap().to_owned()
+    }
+    fn all(name: &str, told: &Json) -> Vec<Json> {
+        told[name].as_array().unwrap().clone()
+    }
+    let problems = all("problems", &told).into_iter().map(|problem| {
         format!(
             "{} {}: {}",
             text(&problem["severity"]),
@@ -37,7 +41,7 @@ fn run(project: &Project, more: &[&str]) -> (Option<i32>, Vec<String>, Vec<Strin
             text(&problem["message"])
         )
     });
-    let written = all("outputs").into_iter().map(|output| text(&output["name"]));
+    let written = all("outputs", &told).into_iter().map(|output| text(&output["name"]));
     (output.status.code(), problems.collect(), written.collect())
 }
 
@@ -82,9 +86,11 @@ fn what_is_looked_at_alone_needs_no_other_file() {
         assert_eq!(output.status.code(), Some(code), "{node}: {told}");
         assert_eq!(told.contains("there is no file `tte.obj`"), code == 1, "{node}: {told}");
     }
-    let why = |node: &str| project.maquette(&["why", "doll.ron", node]).stdout;
-    assert!(String::from_utf8_lossy(&why("good")).starts_with("`good` does not run"));
-    let told = String::from_utf8(why("moved")).unwrap();
+    fn why(node: &str, project: &Project) -> Vec<u8> {
+        project.maquette(&["why", "doll.ron", node]).stdout
+    }
+    assert!(String::from_utf8_lossy(&why("good", &project)).starts_with("`good` does not run"));
+    let told = String::from_utf8(why("moved", &project)).unwrap();
     assert!(told.contains("`moved` is skipped") && told.contains("tte.obj"), "{told}");
     // Whoever checks the graph wants to know.
     assert_eq!(project.maquette(&["check", "doll.ron"]).status.code(), Some(1));
@@ -93,15 +99,22 @@ fn what_is_looked_at_alone_needs_no_other_file() {
 #[test]
 fn a_dry_run_says_what_would_fail() {
     let project = project();
-    let dry = |more: &[&str]| project.maquette(&[&["run", "doll.ron", "-n"], more].concat());
-    let all = dry(&[]);
+    fn dry(more: &[&str], project: &Project) -> std::process::Output {
+        project.maquette(&[&["run", "doll.ron", "-n"], more].concat())
+    }
+    let all = dry(&[], &project);
     let told = String::from_utf8_lossy(&all.stdout).into_owned();
     assert_eq!(all.status.code(), Some(1), "{told}");
-    let line = |word: &str, node: &str| {
+    fn line(word: &str, node: &str, told: &str) -> bool {
         told.lines().any(|line| line.split_whitespace().take(2).eq([word, node]))
-    };
-    assert!(line("failed", "bad") && line("skipped", "moved") && line("runs", "good"), "{told}");
-    assert_eq!(dry(&["--only", "good.obj"]).status.code(), Some(0));
+    }
+    assert!(
+        line("failed", "bad", &told)
+            && line("skipped", "moved", &told)
+            && line("runs", "good", &told),
+        "{told}"
+    );
+    assert_eq!(dry(&["--only", "good.obj"], &project).status.code(), Some(0));
 }
 
 #[test]

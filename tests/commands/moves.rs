@@ -44,12 +44,12 @@ const EXTRACT: [&str; 9] =
 #[test]
 fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
     let project = project();
-    let run = || {
-        let (code, words) = said(&project, &["run", "doll.ron", "--no-provenance"]);
+    fn run(project: &Project) -> Vec<u8> {
+        let (code, words) = said(project, &["run", "doll.ron", "--no-provenance"]);
         assert_eq!(code, Some(0), "{words}");
         std::fs::read(project.folder().join("out/doll/both.ply")).unwrap()
-    };
-    let before = run();
+    }
+    let before = run(&project);
     let (code, words) = said(&project, &[&EXTRACT[..], &["up"]].concat());
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
@@ -89,7 +89,7 @@ fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
         )
     "#]]
     .assert_eq(&format!("{}---\n{}", read(&project, "doll.ron"), read(&project, "lib/high.ron")));
-    assert!(before == run());
+    assert!(before == run(&project));
     let (code, words) = said(&project, &["inline", "doll.ron", "up"]);
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
@@ -102,7 +102,7 @@ fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
     .assert_eq(&words);
     assert_eq!(read(&project, "doll.ron"), TWO);
     assert!(project.folder().join("lib/high.ron").is_file());
-    assert!(before == run());
+    assert!(before == run(&project));
 }
 
 #[test]

@@ -118,15 +118,20 @@ fn a_mesh_of_a_few_units_is_in_meters() {
 #[test]
 fn what_is_not_there_is_told() {
     let pictures = folder(&[("color.png", "a.png")]);
-    let refused = |words: &[&str]| {
+    fn refused(words: &[&str], pictures: &tempfile::TempDir) -> String {
         let output = maquette(pictures.path(), words);
         assert_eq!(output.status.code(), Some(2), "{}", told(&output));
         told(&output)
-    };
-    assert!(refused(&["new", "scans"]).contains("there is no scan in scans beside 1 picture"));
-    assert!(refused(&["new", "nowhere"]).contains("cannot read nowhere"));
-    assert!(refused(&["new", "scans", "--recipe", "meshh"]).contains("did you mean `mesh`?"));
-    let wants = refused(&["new", "scans", "--recipe", "mesh"]);
+    }
+    assert!(
+        refused(&["new", "scans"], &pictures)
+            .contains("there is no scan in scans beside 1 picture")
+    );
+    assert!(refused(&["new", "nowhere"], &pictures).contains("cannot read nowhere"));
+    assert!(
+        refused(&["new", "scans", "--recipe", "meshh"], &pictures).contains("did you mean `mesh`?")
+    );
+    let wants = refused(&["new", "scans", "--recipe", "mesh"], &pictures);
     assert!(wants.contains("the recipe `mesh` wants mesh, but scans has no scan"), "{wants}");
     let list = told(&maquette(pictures.path(), &["new", "--list"]));
     assert!(

@@ -158,21 +158,25 @@ fn outputs_follow_no_link_out_of_their_folder() {
     project.outside("home/app/mesh.ply", "secret");
     let before = project.everything_outside();
     project.write("net.ron", &GRAPH.replace("mesh.ply", "x/mesh.ply"));
-    let run = |arguments: &[&str]| {
+    fn run(
+        arguments: &[&str],
+        project: &Project,
+        before: &std::collections::BTreeMap<std::path::PathBuf, Vec<u8>>,
+    ) {
         let output = project.maquette(arguments);
         assert_eq!(output.status.code(), Some(1), "{}", said(&output));
         assert!(said(&output).contains("cannot write"), "{}", said(&output));
-        assert_eq!(project.everything_outside(), before, "{}", said(&output));
-    };
+        assert_eq!(project.everything_outside(), *before, "{}", said(&output));
+    }
     fs::create_dir_all(project.path("out/net")).unwrap();
     symlink(project.root().join("home/app"), project.path("out/net/x")).unwrap();
-    run(&["run", "net.ron"]);
+    run(&["run", "net.ron"], &project, &before);
     fs::remove_file(project.path("out/net/x")).unwrap();
     symlink(project.root().join("home/new/app"), project.path("out/net/x")).unwrap();
-    run(&["run", "net.ron"]);
+    run(&["run", "net.ron"], &project, &before);
     fs::remove_dir_all(project.path("out")).unwrap();
     symlink(project.root().join("home"), project.path("out")).unwrap();
-    run(&["run", "net.ron", "--profile"]);
+    run(&["run", "net.ron", "--profile"], &project, &before);
     // Who names the folder means it.
     assert!(project.maquette(&["run", "net.ron", "--out", "out"]).status.success());
     assert!(project.root().join("home/x/mesh.ply").exists());
@@ -321,7 +325,7 @@ fn forty_killed_runs_leave_nothing_behind_after_the_next_one() {
     }
     assert!(project.maquette(&["run", "net.ron"]).status.success());
     let names = fs::read_dir(project.path("out/net")).unwrap();
-    let mut names = Vec::from_iter(names.map(|entry| entry.unwrap().file_name()));
+    let mut names: Vec<_> = names.map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["mesh.ply", "net.json"]);
 }

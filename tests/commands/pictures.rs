@@ -57,11 +57,11 @@ fn seen(image: &Image) -> usize {
 #[test]
 fn a_file_that_is_no_graph_is_looked_into_by_itself() {
     let studio = Studio::new();
-    let look = |file: &str| {
+    fn look(file: &str, studio: &Studio) -> String {
         let output = studio.maquette(&["inspect", file]);
         assert!(output.status.success(), "{file}: {}", told(&output));
         String::from_utf8(output.stdout).unwrap()
-    };
+    }
     for (file, what) in [
         ("doll/mug.obj", "Mesh"),
         ("doll/ellipse.obj", "Curve"),
@@ -69,7 +69,7 @@ fn a_file_that_is_no_graph_is_looked_into_by_itself() {
         ("doll/range.pcd", "RangeImage"),
         ("doll/color.png", "Image"),
     ] {
-        let text = look(file);
+        let text = look(file, &studio);
         assert!(text.starts_with(&format!("file.value: {what}, ")), "{file}: {text}");
     }
     assert!(4 < seen(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
@@ -142,17 +142,16 @@ fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
 #[test]
 fn a_camera_aims_at_a_place_or_a_value() {
     let studio = Studio::new();
-    let red = |more: &[&str]| {
+    fn red(more: &[&str], studio: &Studio) -> usize {
         let command = ["render", "doll.ron", "model", "PICTURE", "--size", "60x45"];
         let picture = studio.picture(&[&command, more].concat());
-        let is_red = |&&[r, g, b]: &&[u8; 3]| r > 90 && g < r / 2 && b < r / 2;
-        picture.pixels().iter().filter(is_red).count()
-    };
-    let whole = red(&[]);
-    let near = red(&["--at", "nose"]);
+        picture.pixels().iter().filter(|&&[r, g, b]| r > 90 && g < r / 2 && b < r / 2).count()
+    }
+    let whole = red(&[], &studio);
+    let near = red(&["--at", "nose"], &studio);
     assert!(near > 700 && 10 * whole < near, "{whole} {near}");
-    assert!(4 * red(&["--at", "nose", "--camera", "0,0,0.4"]) < near);
-    assert!(red(&["--at", "-500,0,600", "--camera", "0,0,9"]) == 0);
+    assert!(4 * red(&["--at", "nose", "--camera", "0,0,0.4"], &studio) < near);
+    assert!(red(&["--at", "-500,0,600", "--camera", "0,0,9"], &studio) == 0);
     let command = ["inspect", "doll.ron", "model", "--out", "PICTURE"];
     let inspected = studio.picture(&[&command[..], &["--at", "nose"]].concat());
     let rendered = studio.picture(&["render", "doll.ron", "model", "PICTURE", "--at", "nose"]);

@@ -31,11 +31,11 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
 /// Runs a command while nothing in the project's folder may be made, replaced or removed.
 fn locked(project: &Project, words: &[&str]) -> (Option<i32>, String) {
     let all = folders(project.folder());
-    let set = |mode: u32| {
-        for folder in &all {
+    fn set(mode: u32, all: &[PathBuf]) {
+        for folder in all {
             fs::set_permissions(folder, fs::Permissions::from_mode(mode)).unwrap();
         }
-    };
+    }
     let plain = project.command(words);
     let mut command = if rustix::process::geteuid().is_root() {
         // Root may write anywhere, unless it gives up that right.
@@ -47,9 +47,9 @@ fn locked(project: &Project, words: &[&str]) -> (Option<i32>, String) {
     } else {
         plain
     };
-    set(0o555);
+    set(0o555, &all);
     let output: Output = command.output().unwrap();
-    set(0o755);
+    set(0o755, &all);
     let told = [&output.stdout[..], &output.stderr].concat();
     (output.status.code(), String::from_utf8_lossy(&told).into_owned())
 }

@@ -76,15 +76,17 @@ fn two_captures_of_a_doll_become_a_textured_solid() {
 #[test]
 fn a_shell_of_a_cropped_scan_is_closed_on_both_sides() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    fn at(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
+        folder.path().join(name)
+    }
     let doll = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll/coarse.obj");
-    std::fs::copy(doll, at("doll.obj")).unwrap();
+    std::fs::copy(doll, at("doll.obj", &folder)).unwrap();
     let graph = r#"Graph(format: 1, params: { "side": Choice(default: Inside, of: [Inside, Outside], doc: "") }, nodes: {
         "doll": ReadMesh(path: "doll.obj"),
         "part": Crop(mesh: "doll", within: Plane(through: (0, 44, 0), normal: (0, -1, 0.2))),
         "shell": Shell(mesh: "part", thickness: 8.0, side: Param("side")),
     }, outputs: { "shell.glb": "shell" }, expect: [Closed("shell"), NoSelfIntersection("shell")])"#;
-    std::fs::write(at("shell.ron"), graph).unwrap();
+    std::fs::write(at("shell.ron", &folder), graph).unwrap();
     for side in ["Inside", "Outside"] {
         maquette(folder.path(), &["run", "shell.ron", "--set", &format!("side={side}")]);
     }

@@ -112,7 +112,7 @@ impl Machine {
     /// What a server calls a file: `BUILD/NAME`.
     fn name(&self, path: &Path) -> String {
         let path = path.strip_prefix(self.cache()).unwrap();
-        let parts = Vec::from_iter(path.iter().map(|part| part.to_str().unwrap()));
+        let parts: Vec<_> = path.iter().map(|part| part.to_str().unwrap()).collect();
         [parts[0], parts[2]].join("/")
     }
 }
@@ -134,10 +134,11 @@ fn said(output: &Output) -> String {
 
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let named = |path: PathBuf| {
-        (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(path).unwrap())
-    };
-    paths.map(named).collect()
+    paths
+        .map(|path: PathBuf| {
+            (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(path).unwrap())
+        })
+        .collect()
 }
 
 /// A server with the doll's results.
@@ -146,8 +147,11 @@ fn filled() -> Server {
     let files = FILES.get_or_init(|| {
         let machine = Machine::new();
         machine.run("12", &[]);
-        let file = |path: PathBuf| (machine.name(&path), std::fs::read(path).unwrap());
-        machine.shared().into_iter().map(file).collect()
+        machine
+            .shared()
+            .into_iter()
+            .map(|path: PathBuf| (machine.name(&path), std::fs::read(path).unwrap()))
+            .collect()
     });
     let server = Server::new();
     server.fill(files);
@@ -170,7 +174,7 @@ fn a_second_machine_computes_nothing() {
     let asked = server.asked("GET");
     assert!(0 < asked && asked <= 5, "{asked}");
     // What is known by a path stays where the path is.
-    let mut names = Vec::from_iter(first.shared().iter().map(|path| first.name(path)));
+    let mut names: Vec<_> = first.shared().iter().map(|path| first.name(path)).collect();
     names.sort();
     assert_eq!(server.names(), names);
 
@@ -188,10 +192,12 @@ fn what_hangs_on_an_edit_is_computed_once_by_all_machines() {
     let _alone = alone();
     let (truth, server) = (Truth::new("20"), filled());
     let address = server.address();
-    let edited = |machine: Machine| machine.run("20", &["--cache-remote", &address]);
-    let first = edited(Machine::new());
+    fn edited(machine: Machine, address: &str) -> Run {
+        machine.run("20", &["--cache-remote", address])
+    }
+    let first = edited(Machine::new(), &address);
     assert_eq!((first.count("computed"), &first.outputs), (8, &truth.outputs));
-    let second = edited(Machine::new());
+    let second = edited(Machine::new(), &address);
     assert_eq!((second.count("computed"), &second.outputs), (0, &truth.outputs));
 }
 
@@ -298,15 +304,15 @@ fn who_one_is_is_shown_to_the_server_and_to_nobody_else() {
 fn whether_the_server_answers_is_told() {
     let _alone = alone();
     let (server, machine) = (Server::new(), Machine::new());
-    let ls = |address: &str| {
+    fn ls(address: &str, machine: &Machine) -> Json {
         let arguments = ["cache", "ls", "--json", "--cache-remote", address];
         let output = machine.command(&arguments).output().unwrap();
         serde_json::from_slice::<Json>(&output.stdout).unwrap()["server"].clone()
-    };
-    assert_eq!(ls(&server.address())["answers"], true);
+    }
+    assert_eq!(ls(&server.address(), &machine)["answers"], true);
     server.set(Mode::Fails);
-    assert_eq!(ls(&server.address())["why"], "500 Internal Server Error");
-    let lost = ls("http://127.0.0.1:9/");
+    assert_eq!(ls(&server.address(), &machine)["why"], "500 Internal Server Error");
+    let lost = ls("http://127.0.0.1:9/", &machine);
     assert_eq!((&lost["answers"], &lost["address"]), (&false.into(), &"http://127.0.0.1:9".into()));
 }
 

@@ -50,14 +50,16 @@ fn behind_a_run_from_above_the_project_it_needs_no_words() {
 fn graphs_elsewhere_are_known_from_the_run() {
     let project = project(&["here", "there"]);
     let here = project.folder().join("here");
-    let in_here = |words: &[&str]| project.command(words).current_dir(&here).output().unwrap();
-    assert!(in_here(&["run", "../there/g.ron"]).status.success());
+    fn in_here(words: &[&str], project: &Project, here: &std::path::Path) -> std::process::Output {
+        project.command(words).current_dir(here).output().unwrap()
+    }
+    assert!(in_here(&["run", "../there/g.ron"], &project, &here).status.success());
     fs::remove_file(here.join("g.ron")).unwrap();
-    let output = in_here(&["replay", "out/g/out.ply"]);
+    let output = in_here(&["replay", "out/g/out.ply"], &project, &here);
     let told = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && told.contains(SAME), "{told}");
     // Where nothing is remembered, the message says what to do.
-    let output = in_here(&["replay", "out/g/out.ply", "--no-cache"]);
+    let output = in_here(&["replay", "out/g/out.ply", "--no-cache"], &project, &here);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(told.contains("cannot find the graph `g.ron`") && told.contains("--graph"), "{told}");
     assert_eq!(output.status.code(), Some(2));

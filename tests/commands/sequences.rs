@@ -160,9 +160,11 @@ impl Project {
     fn with_another_number(&mut self, text: &str) -> String {
         let body = text.find("nodes:").unwrap_or(0);
         let starts = Vec::from_iter(text.char_indices().filter_map(|(at, _)| {
-            let is_digit = |at: usize| text.as_bytes()[at].is_ascii_digit();
+            fn is_digit(at: usize, text: &str) -> bool {
+                text.as_bytes()[at].is_ascii_digit()
+            }
             let inside = at > 0 && matches!(text.as_bytes()[at - 1], b' ' | b'(' | b'-');
-            (body < at && is_digit(at) && inside).then_some(at)
+            (body < at && is_digit(at, text) && inside).then_some(at)
         }));
         if starts.is_empty() {
             return text.to_owned();
@@ -182,11 +184,12 @@ impl Project {
     /// The names of the nodes: what stands before `": ` and a capital letter, inside of `nodes`.
     fn node_names(text: &str) -> Vec<String> {
         let body = &text[text.find("nodes:").unwrap_or(text.len())..];
-        let line = |line: &str| {
-            let (name, rest) = line.trim().strip_prefix('"')?.split_once("\": ")?;
-            rest.starts_with(char::is_uppercase).then(|| name.to_owned())
-        };
-        body.lines().filter_map(line).collect()
+        body.lines()
+            .filter_map(|line| {
+                let (name, rest) = line.trim().strip_prefix('"')?.split_once("\": ")?;
+                rest.starts_with(char::is_uppercase).then(|| name.to_owned())
+            })
+            .collect()
     }
 
     fn renamed(&mut self, text: &str) -> String {
@@ -307,16 +310,16 @@ impl Project {
         for folder in ["fresh", "out"] {
             std::fs::create_dir_all(home.join(folder)).unwrap();
         }
-        let into = |folder: &str| {
+        fn into(folder: &str, arguments: &[&str], set: &[String]) -> Vec<String> {
             let arguments = arguments.iter().map(|argument| argument.replace("TO", folder));
-            Vec::from_iter(arguments.chain(set.iter().cloned()))
-        };
-        let with = into("out");
-        let with = self.told(command, &Vec::from_iter(with.iter().map(String::as_str)));
-        let mut without = into("fresh");
+            arguments.chain(set.iter().cloned()).collect::<Vec<_>>()
+        }
+        let with = into("out", arguments, set);
+        let with = self.told(command, &with.iter().map(String::as_str).collect::<Vec<_>>());
+        let mut without = into("fresh", arguments, set);
         without.push("--no-cache".into());
         without.insert(0, command.into());
-        let without = self.run(&Vec::from_iter(without.iter().map(String::as_str)));
+        let without = self.run(&without.iter().map(String::as_str).collect::<Vec<_>>());
         let both = format!("{}with memory {with:?}\nwithout {without:?}", self.story);
         assert_eq!(with.status.code(), without.status.code(), "{both}");
         if command == "inspect" {
@@ -352,14 +355,14 @@ impl Project {
         let graph = self.graph().to_string_lossy().into_owned();
         self.told("run", &[&graph, "--no-cache", "--out", "fresh"]);
         let end = Instant::now() + PATIENCE;
-        let is_right = || {
+        fn is_right(fresh: &Path) -> bool {
             let watched = files(&fresh.with_file_name("watched"));
-            files(&fresh).into_iter().all(|(name, path)| {
+            files(fresh).into_iter().all(|(name, path)| {
                 let there = watched.get(&name).and_then(|path| std::fs::read(path).ok());
                 there == std::fs::read(path).ok()
             })
-        };
-        while !is_right() && Instant::now() < end {
+        }
+        while !is_right(&fresh) && Instant::now() < end {
             std::thread::sleep(Duration::from_millis(20));
         }
         self.outputs_are_those_of(&fresh, "watched");

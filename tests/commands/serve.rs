@@ -206,20 +206,25 @@ fn a_client_of_sixty_lines_in_python_gets_the_doll() {
 fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);
-    let run = |levels: &str, form: &str| {
+    fn run(levels: &str, form: &str, value: &Json) -> Json {
         json!({ "graph": "doll.ron", "set": { "levels": levels }, "inputs": { "mesh": value },
                 "want": [{ "value": "fine", "as": form }] })
-    };
-    let same = host.ask("run", run("0", "parts"))["values"]["fine"].clone();
+    }
+    let same = host.ask("run", run("0", "parts", &value))["values"]["fine"].clone();
     assert_eq!(host.bytes(column(&same, "position")), bytemuck::cast_slice::<_, u8>(&CORNERS));
     assert_eq!(host.bytes(column(&same, "corners")), bytemuck::cast_slice::<_, u8>(&FACES));
     assert_eq!(same["hash"], value);
 
-    let fine = host.ask("run", run("2", "mesh"))["values"]["fine"].clone();
-    let count = |name: &str| column(&fine, name)["count"].as_u64().unwrap();
+    let fine = host.ask("run", run("2", "mesh", &value))["values"]["fine"].clone();
+    fn count(name: &str, fine: &Json) -> u64 {
+        column(fine, name)["count"].as_u64().unwrap()
+    }
     // Euler: V - E + F = 2.
-    assert_eq!((count("position"), count("edges"), count("corners")), (34, 96, 3 * 64));
-    assert_eq!(count("edge of a corner"), 3 * 64);
+    assert_eq!(
+        (count("position", &fine), count("edges", &fine), count("corners", &fine)),
+        (34, 96, 3 * 64)
+    );
+    assert_eq!(count("edge of a corner", &fine), 3 * 64);
     let edges = host.bytes(column(&fine, "edges"));
     let edges: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&edges);
     let corners: Vec<[u32; 3]> =
@@ -238,7 +243,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
     let moved = CORNERS.map(|corner| corner.map(|x| 2.0 * x));
     host.put("in-1", &moved);
     let other = host.ask("input", tetrahedron())["value"].clone();
-    let mut again = run("2", "mesh");
+    let mut again = run("2", "mesh", &value);
     again["inputs"]["mesh"] = other;
     let twice = host.ask("run", again)["values"]["fine"].clone();
     for name in ["corners", "edges", "edge of a corner"] {
@@ -289,7 +294,7 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
     assert!(host.refused("fly", json!({})).contains("unknown variant `fly`"));
     assert!(host.refused("load", json!({})).contains("missing field `graph`"));
     assert!(host.refused("load", json!({ "graph": "doll.ron", "grpah": 1 })).contains("grpah"));
-    let with = |path: &[&str], lie: Json| {
+    fn with(path: &[&str], lie: Json) -> Json {
         let mut input = tetrahedron();
         let place = path.iter().fold(&mut input, |json, step| match step.parse::<usize>() {
             Ok(index) => &mut json[index],
@@ -297,7 +302,7 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
         });
         *place = lie;
         input
-    };
+    }
     fs::write(host.folder.join("short"), [0; 23]).unwrap();
     host.put("nan", &[f64::NAN; 12]);
     host.put("far", &[9u32; 12]);
@@ -321,7 +326,9 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
         let why = host.refused("input", lie.clone());
         assert!(why.contains(expected), "{lie}: {why}");
     }
-    let run = |hash: &Json| json!({ "graph": "doll.ron", "inputs": { "mesh": hash } });
+    fn run(hash: &Json) -> Json {
+        json!({ "graph": "doll.ron", "inputs": { "mesh": hash } })
+    }
     assert!(host.refused("run", run(&json!("00"))).contains("there is no value 00"));
     assert!(host.refused("run", json!({ "graph": "gone.ron" })).contains("problems"));
     assert!(
@@ -353,15 +360,15 @@ fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);
     // All at once, while the first one runs.
-    let request = |k: u32| {
+    fn request(k: u32, value: &Json) -> Json {
         let set = json!({ "levels": if k == 99 { "3" } else { "8" } });
         json!({ "id": 1000 + k, "do": "run", "graph": "doll.ron", "set": set, "inputs": { "mesh": value },
                 "want": [{ "value": "fine", "as": "facts" }] })
-    };
-    let requests = Vec::from_iter((0..100).map(|k| request(k).to_string()));
+    }
+    let requests: Vec<_> = (0..100).map(|k| request(k, &value).to_string()).collect();
     host.say(requests.join("\n").as_bytes());
-    let ids = Vec::from_iter((0..100).map(|k| json!(1000 + k)));
-    let answers = Vec::from_iter(ids.iter().map(|id| host.end(id)));
+    let ids: Vec<_> = (0..100).map(|k| json!(1000 + k)).collect();
+    let answers: Vec<_> = ids.iter().map(|id| host.end(id)).collect();
     let replaced = answers.iter().filter(|answer| answer["replaced"] == true).count();
     assert!(replaced >= 90, "only {replaced} were replaced");
     let last = answers.last().unwrap();
@@ -403,7 +410,7 @@ fn a_host_that_does_not_read_for_a_while_gets_every_answer() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);
     // More than any pipe holds.
-    let ids = Vec::from_iter((0..30).map(|_| host.send("catalog", json!({}))));
+    let ids: Vec<_> = (0..30).map(|_| host.send("catalog", json!({}))).collect();
     let run = json!({ "graph": "doll.ron", "inputs": { "mesh": value } });
     let last = host.send("run", run);
     std::thread::sleep(Duration::from_millis(300));
@@ -452,11 +459,11 @@ fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
     let mut host = Host::of(&project);
     let loaded = host.ask("load", json!({ "graph": project.graph() }));
     assert_eq!((&loaded["ok"], &loaded["nodes"]), (&json!(true), &json!(["ball", "hair"])));
-    let severities = |answer: &Json| {
+    fn severities(answer: &Json) -> Vec<String> {
         let problems = answer["problems"].as_array().unwrap().iter();
         assert!(problems.clone().all(|it| it["help"].as_str().unwrap().contains("`hair` 0.3")));
-        Vec::from_iter(problems.map(|it| it["severity"].as_str().unwrap().to_owned()))
-    };
+        problems.map(|it| it["severity"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    }
     assert_eq!(severities(&loaded), ["warning"]);
     let want = json!([{ "value": "ball.ply", "as": "facts" }]);
     let ball = host.ask("run", json!({ "graph": project.graph(), "want": want }));
@@ -470,8 +477,12 @@ fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
 fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     let project = Project::new(FINE);
     let mut host = Host::of(&project);
-    let text = || fs::read_to_string(project.graph()).unwrap();
-    let edit = |edits: Json| json!({ "graph": "doll.ron", "edits": edits });
+    fn text(project: &Project) -> String {
+        fs::read_to_string(project.graph()).unwrap()
+    }
+    fn edit(edits: Json) -> Json {
+        json!({ "graph": "doll.ron", "edits": edits })
+    }
     let edits = json!([
         { "add": { "name": "finer", "node": "Subdivide", "fields": [["mesh", "fine"], ["scheme", "Loop"]] } },
         { "rename": { "from": "fine", "to": "first" } },
@@ -480,24 +491,24 @@ fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     ]);
     let done = host.ask("edit", edit(edits));
     assert_eq!(done["before"], FINE);
-    assert_eq!(done["text"], text());
-    assert!(text().contains(r#""finer": Subdivide(mesh: "first""#), "{}", text());
-    let known = text();
+    assert_eq!(done["text"], text(&project));
+    assert!(text(&project).contains(r#""finer": Subdivide(mesh: "first""#), "{}", text(&project));
+    let known = text(&project);
     let why = host.refused("edit", edit(json!([{ "remove": { "name": "first" } }])));
     assert!(why.contains("needs it"), "{why}");
     let why =
         host.refused("edit", edit(json!([{ "link": { "port": "first.mesh", "to": "finer" } }])));
     assert!(why.contains("each other") || why.contains("cycle"), "{why}");
-    assert_eq!(text(), known);
+    assert_eq!(text(&project), known);
     let mut dry = edit(json!([{ "unlink": { "port": "finer.mesh" } }]));
     dry["dry"] = true.into();
     host.refused("edit", dry);
     let undo = json!({ "graph": "doll.ron", "was": known, "text": FINE });
     host.ask("put", undo.clone());
-    assert_eq!(text(), FINE);
+    assert_eq!(text(&project), FINE);
     // Somebody else has written: nothing is lost.
     assert!(host.refused("put", undo).contains("has been changed meanwhile"));
-    assert_eq!(text(), FINE);
+    assert_eq!(text(&project), FINE);
     assert!(Path::new(&host.folder).exists());
 }
 
@@ -520,7 +531,9 @@ fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_afte
     let undo =
         json!({ "graph": "doll.ron", "was": theirs.1, "text": own["before"], "theirs": [theirs] });
     let done = host.ask("put", undo);
-    let both = |text: &str| text.starts_with("// Theirs.") && text.contains("Also theirs.");
+    fn both(text: &str) -> bool {
+        text.starts_with("// Theirs.") && text.contains("Also theirs.")
+    }
     assert!(
         both(&text()) && text().contains("\"fine\"") && !text().contains("\"first\""),
         "{}",
@@ -537,7 +550,9 @@ fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_afte
 fn an_undo_of_what_somebody_else_has_changed_again_is_refused_and_writes_nothing() {
     let project = Project::new(FINE);
     let mut host = Host::of(&project);
-    let rename = |to: &str| json!({ "graph": "doll.ron", "edits": [{ "rename": { "from": "fine", "to": to } }] });
+    fn rename(to: &str) -> Json {
+        json!({ "graph": "doll.ron", "edits": [{ "rename": { "from": "fine", "to": to } }] })
+    }
     let own = host.ask("edit", rename("first"));
     let theirs = own["text"].as_str().unwrap().replace("\"first\"", "\"second\"");
     fs::write(project.graph(), &theirs).unwrap();

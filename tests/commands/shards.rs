@@ -47,21 +47,21 @@ fn shards_are_together_all_cases_and_none_twice() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     tests(path);
-    let run = |more: &[&str]| {
+    fn run(more: &[&str], path: &Path) -> BTreeSet<String> {
         let tested = maquette(path, &[&["test", "--junit", "it.xml"], more].concat());
         assert!(tested.status.success(), "{}", said(&tested));
         cases(&std::fs::read_to_string(path.join("it.xml")).unwrap())
-    };
-    let all = run(&[]);
+    }
+    let all = run(&[], path);
     assert_eq!(all.len(), 11);
     for count in [1, 3, 8, 20] {
         let mut seen = BTreeSet::new();
         for index in 1..=count {
-            let own = run(&["--shard", &format!("{index}/{count}")]);
+            let own = run(&["--shard", &format!("{index}/{count}")], path);
             assert!(own.len().abs_diff(11 / count) <= 1, "{index}/{count}: {own:?}");
             // The order of files does not matter.
             let shard = format!("{index}/{count}");
-            assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"]), own);
+            assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"], path), own);
             assert!(own.iter().all(|case| seen.insert(case.clone())), "{index}/{count}: {own:?}");
         }
         assert_eq!(seen, all);

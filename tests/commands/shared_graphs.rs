@@ -23,9 +23,11 @@ fn run(graph: &Path) -> Result<(), String> {
     }
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let outputs = report["outputs"].as_array().unwrap();
-    let written = |name: &str| out.join(name).metadata().is_ok_and(|file| file.len() > 0);
+    fn written(name: &str, out: &Path) -> bool {
+        out.join(name).metadata().is_ok_and(|file| file.len() > 0)
+    }
     let missing = outputs.iter().map(|output| output["name"].as_str().unwrap());
-    let missing: Vec<&str> = missing.filter(|name| !written(name)).collect();
+    let missing: Vec<&str> = missing.filter(|name| !written(name, &out)).collect();
     if outputs.is_empty() || !missing.is_empty() {
         return Err(format!("{name}: {} outputs, without {missing:?}", outputs.len()));
     }
@@ -42,13 +44,17 @@ fn the_graphs_of_the_design_run_as_they_stand() {
     graphs.sort();
     assert!(graphs.len() >= 10, "only {} graphs were run", graphs.len());
     let next = AtomicUsize::new(0);
-    let worker = || {
-        let graphs = std::iter::from_fn(|| graphs.get(next.fetch_add(1, Ordering::Relaxed)));
-        graphs.filter_map(|graph| run(graph).err()).collect::<Vec<_>>()
-    };
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     let failures = thread::scope(|scope| {
-        let workers = (0..workers).map(|_| scope.spawn(worker)).collect::<Vec<_>>();
+        let workers = (0..workers)
+            .map(|_| {
+                scope.spawn(|| {
+                    let graphs =
+                        std::iter::from_fn(|| graphs.get(next.fetch_add(1, Ordering::Relaxed)));
+                    graphs.filter_map(|graph| run(graph).err()).collect::<Vec<_>>()
+                })
+            })
+            .collect::<Vec<_>>();
         workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect::<Vec<_>>()
     });
     assert!(failures.is_empty(), "{}", failures.join("\n"));

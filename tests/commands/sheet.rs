@@ -41,8 +41,10 @@ fn a_sheet_has_a_row_for_the_defaults_and_each_end_of_each_number() {
     "#]]
     .assert_eq(&String::from_utf8(made.stdout).unwrap());
     let bytes = std::fs::read(folder.path().join("g.png")).unwrap();
-    let size = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
-    assert_eq!((size(16), size(20)), (5 * 30, 5 * 20));
+    fn size(at: usize, bytes: &[u8]) -> u32 {
+        u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap())
+    }
+    assert_eq!((size(16, &bytes), size(20, &bytes)), (5 * 30, 5 * 20));
     // A second time, and never over a file that the graph reads.
     assert!(maquette(folder.path(), &["sheet", "g.ron", "--no-cache"]).status.success());
     let graph = GRAPH.replace(

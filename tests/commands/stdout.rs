@@ -123,8 +123,10 @@ fn every_command_is_tried() {
     let help = project().maquette(&["--help"]);
     let help = String::from_utf8(help.stdout).unwrap();
     let (_, commands) = help.split_once("Commands:\n").unwrap();
-    let is_name = |line: &&str| line.starts_with("  ") && !line.starts_with("   ");
-    let lines = commands.lines().take_while(|line| !line.is_empty()).filter(is_name);
+    let lines = commands
+        .lines()
+        .take_while(|line| !line.is_empty())
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     let known = lines.filter_map(|line| line.split_whitespace().next());
     let tried = TRIED.iter().map(|(name, _)| *name).chain(SILENT).filter(|name| !name.is_empty());
     assert_eq!(BTreeSet::from_iter(tried), BTreeSet::from_iter(known));

@@ -229,7 +229,9 @@ fn unknown_names_get_a_guess_or_a_list_and_no_loose_end() {
 
 #[test]
 fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words() {
-    let nodes = |name: &str| stdout(&maquette(Path::new(GRAPHS), &["nodes", name]));
+    fn nodes(name: &str) -> String {
+        stdout(&maquette(Path::new(GRAPHS), &["nodes", name]))
+    }
     let edges = nodes("Edges");
     assert!(edges.contains("\n  high: one of = Percentile(90.0)\n"), "{edges}");
     let fill = nodes("FillHoles");
@@ -283,17 +285,19 @@ fn the_eyedropper_says_what_can_be_asked() {
 #[test]
 fn any_step_can_be_written_by_the_output_that_fits_and_seen_as_a_picture() {
     let out = tempfile::tempdir().unwrap();
-    let path = |name: &str| out.path().join(name).to_str().unwrap().to_owned();
-    let output = inspect(&["scan", "--out", &path("s.pcd")]);
+    fn path(name: &str, out: &tempfile::TempDir) -> String {
+        out.path().join(name).to_str().unwrap().to_owned()
+    }
+    let output = inspect(&["scan", "--out", &path("s.pcd", &out)]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stdout(&output).contains("scan.range goes to "), "{}", stdout(&output));
-    let wrong = inspect(&["scan", "--out", &path("s.step")]);
+    let wrong = inspect(&["scan", "--out", &path("s.step", &out)]);
     assert_eq!(wrong.status.code(), Some(2));
     let told =
         "scan.color, an Image, can be written to: png, tiff; scan.range, a RangeImage, can be";
     assert!(stderr(&wrong).contains(told), "{}", stderr(&wrong));
     for node in ["nose", "spots", "blended", "scan.range"] {
-        let file = path("seen.png");
+        let file = path("seen.png", &out);
         let output = inspect(&[node, "--out", &file]);
         assert!(output.status.success(), "{node}: {}", stderr(&output));
         let picture = maquette::format::png::read(&std::fs::read(&file).unwrap()).unwrap();

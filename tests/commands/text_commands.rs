@@ -133,10 +133,10 @@ fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
 #[test]
 fn edit_changes_the_file_and_says_what() {
     let folder = folder(&[("doll.ron", DOLL)]);
-    let edit = |arguments: &[&str]| {
+    fn edit(arguments: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
         (output.status.code(), stdout(&output) + &stderr(&output))
-    };
+    }
     let select = "select=Near(color: \"#236cba\")";
     let mut told = String::new();
     for arguments in [
@@ -149,7 +149,7 @@ fn edit_changes_the_file_and_says_what() {
         &["output", "surface.ply"],
         &["rename", "params.growth", "far"],
     ] {
-        let (code, words) = edit(arguments);
+        let (code, words) = edit(arguments, &folder);
         assert_eq!(code, Some(0), "{arguments:?}: {words}");
         told += &words;
     }
@@ -181,11 +181,11 @@ fn edit_changes_the_file_and_says_what() {
 #[test]
 fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
     let folder = folder(&[("doll.ron", DOLL)]);
-    let edit = |arguments: &[&str]| {
+    fn edit(arguments: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
         (output.status.code(), stdout(&output) + &stderr(&output))
-    };
-    let (code, lines) = edit(&["remove", "knots-u", "--and-links", "--dry-run"]);
+    }
+    let (code, lines) = edit(&["remove", "knots-u", "--and-links", "--dry-run"], &folder);
     assert_eq!(code, Some(0));
     expect![[r#"
         @@ -23 +22,0 @@
@@ -195,7 +195,7 @@ fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
         +        "surface": Nurbs(net: "raised", v: "knots-v"),
     "#]]
     .assert_eq(&lines);
-    let (code, words) = edit(&["remove", "knots-u"]);
+    let (code, words) = edit(&["remove", "knots-u"], &folder);
     assert_eq!(code, Some(1));
     expect![[r#"
         error[G007]: `knots-u` cannot be removed: port `u` of `surface` needs it
@@ -209,7 +209,7 @@ fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
     "#]]
     .assert_eq(&words);
     for wrong in [&["add", "x"][..], &["link", "surface.u"], &["turn", "surface"], &[]] {
-        assert_eq!(edit(wrong).0, Some(2), "{wrong:?}");
+        assert_eq!(edit(wrong, &folder).0, Some(2), "{wrong:?}");
     }
     assert_eq!(read(&folder, "doll.ron"), DOLL);
 }
@@ -219,14 +219,16 @@ fn diff_says_by_its_exit_code_whether_two_graphs_mean_the_same() {
     let changed = DOLL.replace("distance: 30.0", "distance: 31");
     let folder = folder(&[("a.ron", DOLL), ("b.ron", &changed), ("c.ron", "Graph(")]);
     std::fs::write(folder.path().join("same.ron"), DOLL.replace("    ", "\t")).unwrap();
-    let diff = |arguments: &[&str]| maquette(folder.path(), &[&["diff"], arguments].concat());
-    let output = diff(&["a.ron", "same.ron"]);
+    fn diff(arguments: &[&str], folder: &tempfile::TempDir) -> Output {
+        maquette(folder.path(), &[&["diff"], arguments].concat())
+    }
+    let output = diff(&["a.ron", "same.ron"], &folder);
     assert_eq!((output.status.code(), stdout(&output)), (Some(0), String::new()));
-    let output = diff(&["a.ron", "b.ron"]);
+    let output = diff(&["a.ron", "b.ron"], &folder);
     let expected = "node red: changed select.distance: 30 -> 31\n".to_owned();
     assert_eq!((output.status.code(), stdout(&output)), (Some(1), expected));
     for wrong in [&["a.ron", "c.ron"][..], &["a.ron", "nowhere.ron"], &["a.ron"], &["a.ron"; 3]] {
-        assert_eq!(diff(wrong).status.code(), Some(2), "{wrong:?}");
+        assert_eq!(diff(wrong, &folder).status.code(), Some(2), "{wrong:?}");
     }
 }
 

@@ -232,15 +232,15 @@ fn a_burst_of_files_is_one_change() {
         String::from_iter(nodes)
     );
     let project = Project::new(&text);
-    let write = |size: usize| {
-        for name in &names {
+    fn write(size: usize, project: &Project, names: &[String]) {
+        for name in names {
             let text = format!("v 0 0 0\nv {size} 0 0\nv 0 1 0\nf 1 2 3\n");
             std::fs::write(project.folder().join(format!("{name}.obj")), text).unwrap();
         }
-    };
-    write(1);
+    }
+    write(1, &project, &names);
     let mut watch = project.watch(&[]);
-    write(2);
+    write(2, &project, &names);
     let mut changed = 0;
     let mut runs = 0;
     while changed < names.len() {
@@ -262,22 +262,22 @@ fn a_thousand_of_three_thousand_files_can_be_saved_together() {
     let project = Project::new(&format!(
         "Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"first.ply\": \"m0\" }})"
     ));
-    let save = |count: usize, size: usize| {
+    fn save(count: usize, size: usize, project: &Project) {
         for k in 0..count {
             let path = project.folder().join(format!("m{k}.obj"));
             let new = path.with_extension("new");
             std::fs::write(&new, format!("v 0 0 0\nv {size} 0 0\nv 0 1 0\nf 1 2 3\n")).unwrap();
             std::fs::rename(new, path).unwrap();
         }
-    };
-    save(READ, 1);
+    }
+    save(READ, 1, &project);
     let mut watch = project.watch(&[]);
-    save(SAVED, 2);
+    save(SAVED, 2, &project);
     let mut changed = 0;
     while changed < SAVED {
         changed += watch.run_or_cancelled().changed.as_array().unwrap().len();
     }
-    save(SAVED, 3);
+    save(SAVED, 3, &project);
     watch.end();
 }
 
@@ -285,13 +285,13 @@ fn a_thousand_of_three_thousand_files_can_be_saved_together() {
 fn a_newer_save_cancels_and_keeps_what_is_done() {
     let project = Project::doll();
     let mut watch = project.watch(&[]);
-    let levels = |levels: &str| {
+    fn levels(levels: &str, project: &Project) -> String {
         let text = project.doll_text(25.0);
         text.replace("Integer(default: 1", &format!("Integer(default: {levels}"))
-    };
-    project.save(&levels("3"));
+    }
+    project.save(&levels("3", &project));
     watch.wait(|event| event["event"] == "started" && event["node"] == "skin");
-    project.save(&levels("1"));
+    project.save(&levels("1", &project));
     watch.wait(|event| event["event"] == "cancelled");
     let run = watch.run();
     assert_eq!(run.done["ok"], true);
@@ -351,15 +351,15 @@ fn outputs_that_could_not_be_written_are_written_as_soon_as_they_can_be() {
 #[test]
 fn once_evaluates_and_ends_with_an_exit_code() {
     let project = Project::doll();
-    let once = |more: &[&str]| {
+    fn once(more: &[&str], project: &Project) -> Option<i32> {
         let arguments = [&["watch", "doll.ron", "--once", "--out", "out"], more].concat();
         project.maquette(&arguments).status.code()
-    };
-    assert_eq!(once(&[]), Some(0));
+    }
+    assert_eq!(once(&[], &project), Some(0));
     project.assert_outputs_are_right();
-    assert_eq!(once(&["--on-done", "exit 3"]), Some(1));
-    assert_eq!(once(&["--set", "growth=99"]), Some(1));
-    assert_eq!(once(&["--set", "nose.pick=Rank(99)"]), Some(1));
+    assert_eq!(once(&["--on-done", "exit 3"], &project), Some(1));
+    assert_eq!(once(&["--set", "growth=99"], &project), Some(1));
+    assert_eq!(once(&["--set", "nose.pick=Rank(99)"], &project), Some(1));
 }
 
 #[cfg(unix)]
@@ -369,17 +369,17 @@ fn a_command_runs_after_each_good_run() {
     let mut watch =
         project.watch(&["--on-done", "ls \"$MAQUETTE_OUT\" > listed.tmp; mv listed.tmp listed"]);
     let listed = project.folder().join("listed");
-    let wait = || {
+    fn wait(listed: &Path) -> String {
         while !listed.exists() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
-        std::fs::read_to_string(&listed).unwrap()
-    };
-    assert!(wait().contains("model.glb"));
+        std::fs::read_to_string(listed).unwrap()
+    }
+    assert!(wait(&listed).contains("model.glb"));
     std::fs::remove_file(&listed).unwrap();
     project.save(&project.doll_text(20.0));
     watch.run();
-    assert!(wait().contains("model.glb"));
+    assert!(wait(&listed).contains("model.glb"));
 }
 
 #[test]
@@ -462,9 +462,14 @@ fn run_tells_events_too() {
         .filter(|line| !line.is_empty())
         .map(|line| serde_json::from_slice(line).unwrap())
         .collect();
-    let kinds = |kind: &str| events.iter().filter(|event| event["event"] == kind).count();
-    assert_eq!((kinds("started"), kinds("finished")), (15, 15));
-    assert_eq!((kinds("problems"), kinds("written"), kinds("done")), (1, 5, 1));
+    fn kinds(kind: &str, events: &[Json]) -> usize {
+        events.iter().filter(|event| event["event"] == kind).count()
+    }
+    assert_eq!((kinds("started", &events), kinds("finished", &events)), (15, 15));
+    assert_eq!(
+        (kinds("problems", &events), kinds("written", &events), kinds("done", &events)),
+        (1, 5, 1)
+    );
     assert_eq!(events.last().unwrap()["ok"], true);
 }
 

@@ -54,7 +54,9 @@ fn noted(project: &Project) -> Vec<String> {
 
 /// Waits for a run that has come to its end and is followed by no other one for a while. Gives the number of runs that ended.
 fn ended(watch: &mut Watch) -> usize {
-    let is_done = |event: &Json| event["event"] == "done";
+    fn is_done(event: &Json) -> bool {
+        event["event"] == "done"
+    }
     watch.wait(is_done);
     1 + watch.heard_within(Duration::from_millis(900)).iter().filter(|event| is_done(event)).count()
 }
@@ -81,16 +83,16 @@ fn files_that_are_saved_one_after_the_other_are_one_change() {
 
 #[test]
 fn a_graph_and_one_that_it_uses_are_one_change_though_the_first_save_has_errors() {
-    let lib = |port: &str| {
+    fn lib(port: &str) -> String {
         format!(
             "Graph(format: 1, inputs: {{ \"{port}\": Mesh(doc: \"It.\") }}, nodes: {{ \"it\": Transform(mesh: \"{port}\") }}, outputs: {{ \"mesh\": \"it\" }})"
         )
-    };
-    let graph = |port: &str| {
+    }
+    fn graph(port: &str) -> String {
         format!(
             "Graph(format: 1, use: {{ \"Lib\": \"lib.ron\" }}, nodes: {{ \"a\": ReadMesh(path: \"a.obj\"), \"it\": Lib({port}: \"a\") }}, outputs: {{ \"o.obj\": \"it\" }})"
         )
-    };
+    }
     let project = project();
     fs::write(project.folder().join("lib.ron"), lib("skin")).unwrap();
     fs::write(project.graph(), graph("skin")).unwrap();
@@ -170,9 +172,11 @@ fn the_folder_of_a_watch_can_be_made_again() {
         sleep(Duration::from_millis(600));
         fs::create_dir(project.folder()).unwrap();
         fill(project.folder(), size);
-        let holds = |text: &str| text.contains(&format!("v {size}.0 0.0 0.0"));
+        fn holds(text: &str, size: usize) -> bool {
+            text.contains(&format!("v {size}.0 0.0 0.0"))
+        }
         let start = Instant::now();
-        while !fs::read_to_string(&output).is_ok_and(|text| holds(&text)) {
+        while !fs::read_to_string(&output).is_ok_and(|text| holds(&text, size)) {
             assert!(start.elapsed() < Duration::from_secs(60), "the output did not come back");
             sleep(Duration::from_millis(20));
         }

@@ -196,11 +196,11 @@ impl Project {
     }
 
     pub(crate) fn output_times(&self) -> BTreeMap<String, SystemTime> {
-        let time = |name: &String| {
-            let metadata = std::fs::metadata(self.folder.join("out").join(name)).unwrap();
+        fn time(name: &String, folder: &Path) -> SystemTime {
+            let metadata = std::fs::metadata(folder.join("out").join(name)).unwrap();
             metadata.modified().unwrap()
-        };
-        self.outputs().into_keys().map(|name| (name.clone(), time(&name))).collect()
+        }
+        self.outputs().into_keys().map(|name| (name.clone(), time(&name, &self.folder))).collect()
     }
 
     /// The hash of the value of an output of a node with other values of parameters, found by another process that leaves nothing.
@@ -321,8 +321,10 @@ impl Watch {
     /// The events that come within this time.
     pub(crate) fn heard_within(&mut self, time: Duration) -> Vec<Json> {
         let end = Instant::now() + time;
-        let next = || self.events.recv_timeout(end.saturating_duration_since(Instant::now())).ok();
-        std::iter::from_fn(next).collect()
+        std::iter::from_fn(|| {
+            self.events.recv_timeout(end.saturating_duration_since(Instant::now())).ok()
+        })
+        .collect()
     }
 
     /// The next event that is wanted; those before it are dropped.
@@ -367,8 +369,10 @@ impl Watch {
                 "written" => run.written.push(event),
                 "cancelled" | "done" => {
                     for node in event["nodes"].as_array().into_iter().flatten() {
-                        let text = |field: &str| node[field].as_str().unwrap().to_owned();
-                        run.states.insert(text("name"), text("state"));
+                        fn text(field: &str, node: &Json) -> String {
+                            node[field].as_str().unwrap().to_owned()
+                        }
+                        run.states.insert(text("name", node), text("state", node));
                     }
                     run.done = event;
                     return run;

@@ -46,11 +46,19 @@ impl Node for Collect {
 
 /// 100 x 50 spots of 6 x 12 pixels; one of them is smaller if `changed` says so.
 pub(crate) fn grid(changed: Option<usize>) -> AnyValue {
-    let label = |at: usize| {
-        let [x, y] = [at % 1000, at / 1000];
-        let spot = x / 10 + y / 20 * 100;
-        let wide = if changed == Some(spot) { 5 } else { 6 };
-        if x % 10 < wide && y % 20 < 12 { spot as u32 + 1 } else { 0 }
-    };
-    AnyValue::new(Labels::new(1000, 1000, (0..1_000_000).map(label).collect()).expect("labels"))
+    AnyValue::new(
+        Labels::new(
+            1000,
+            1000,
+            (0..1_000_000)
+                .map(|at: usize| {
+                    let [x, y] = [at % 1000, at / 1000];
+                    let spot = x / 10 + y / 20 * 100;
+                    let wide = if changed == Some(spot) { 5 } else { 6 };
+                    if x % 10 < wide && y % 20 < 12 { spot as u32 + 1 } else { 0 }
+                })
+                .collect(),
+        )
+        .expect("labels"),
+    )
 }

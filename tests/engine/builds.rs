@@ -22,20 +22,20 @@ const LIBRARY: &str = r#"pub const BUILD: &str = env!("MAQUETTE_BUILD");"#;
 impl Workspace {
     fn new() -> Self {
         let workspace = Self(tempfile::tempdir().unwrap());
-        let package = |name: &str, more: &str| {
+        fn package(name: &str, more: &str, workspace: &Workspace) {
             let text = format!(
                 "[package]\nname = '{name}'\nversion = '1.0.0'\nedition = '2024'\n{more}\n"
             );
             workspace.write(&format!("{name}/Cargo.toml"), &text);
-        };
-        let with_id = |name: &str, more: &str| {
-            package(name, &format!("build = '../build.rs'\nlinks = '{name}'\n{more}"));
-        };
-        with_id("a", "");
+        }
+        fn with_id(name: &str, more: &str, workspace: &Workspace) {
+            package(name, &format!("build = '../build.rs'\nlinks = '{name}'\n{more}"), workspace);
+        }
+        with_id("a", "", &workspace);
         // Its sources are its whole folder, as those of a pack.
-        with_id("b", "[lib]\npath = 'lib.rs'\n[dependencies]\na.path = '../a'");
+        with_id("b", "[lib]\npath = 'lib.rs'\n[dependencies]\na.path = '../a'", &workspace);
         for name in ["one", "two"] {
-            package(name, "[dependencies]\na.path = '../a'\nb.path = '../b'");
+            package(name, "[dependencies]\na.path = '../a'\nb.path = '../b'", &workspace);
             workspace.write(&format!("{name}/src/main.rs"), PROGRAM);
         }
         for file in ["a/src/lib.rs", "b/lib.rs"] {
@@ -84,14 +84,16 @@ fn ids(mut command: Command) -> [String; 2] {
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
-    Vec::from_iter(text.lines().map(str::to_owned)).try_into().unwrap()
+    text.lines().map(str::to_owned).collect::<Vec<_>>().try_into().unwrap()
 }
 
 #[test]
 fn an_id_is_that_of_all_that_the_code_is_made_of() {
     let workspace = Workspace::new();
     let first = workspace.ids("one");
-    let is_id = |id: &String| id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit());
+    fn is_id(id: &String) -> bool {
+        id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit())
+    }
     assert!(first.iter().all(is_id) && first[0] != first[1], "{first:?}");
     assert_eq!(workspace.ids("two"), first);
 
@@ -99,13 +101,13 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
     let [a, b] = workspace.ids("one");
     assert!(a == first[0] && b != first[1]);
 
-    let changes_both = |what: &str, before: [String; 2]| {
+    fn changes_both(what: &str, before: [String; 2], workspace: &Workspace) -> [String; 2] {
         let after = workspace.ids("one");
         assert!(after[0] != before[0] && after[1] != before[1], "{what}");
         after
-    };
+    }
     workspace.append("a/src/lib.rs", "// More.");
-    let ids = changes_both("a source of `a`", [a, b]);
+    let ids = changes_both("a source of `a`", [a, b], &workspace);
     // Nothing about another program matters to the libraries beneath it, though the lock file names it.
     let manifest = fs::read_to_string(workspace.path("two/Cargo.toml")).unwrap();
     workspace.write("two/Cargo.toml", &manifest.replace("1.0.0", "1.0.1"));
@@ -121,11 +123,11 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
         "Cargo.toml",
         "overflow-checks = false\n[profile.dev.package]\ntwo.opt-level = 1\n",
     );
-    let ids = changes_both("a profile", ids);
+    let ids = changes_both("a profile", ids, &workspace);
     workspace.append("Cargo.toml", "one.opt-level = 1\n");
     assert_eq!(workspace.ids("one"), ids, "the profile of a program above");
     workspace.append("Cargo.toml", "a.codegen-units = 1\n");
-    changes_both("the profile of `a` itself", ids);
+    changes_both("the profile of `a` itself", ids, &workspace);
 }
 
 #[test]
@@ -151,8 +153,9 @@ fn files_of_code(packs: &[&Pack]) -> usize {
 
 #[test]
 fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
-    let has_lock = |folder: &Path| folder.join("Cargo.lock").is_file();
-    let has_ids = Path::new(env!("CARGO_TARGET_TMPDIR")).ancestors().any(has_lock);
+    let has_ids = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .ancestors()
+        .any(|folder| folder.join("Cargo.lock").is_file());
     assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
     // A file that was just written is not remembered.
     let is_over = Instant::now() + Duration::from_secs(5);

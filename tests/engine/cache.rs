@@ -105,20 +105,20 @@ fn a_thousand_flipped_bytes_change_no_result() {
     let graph = processes.graph(&[]);
     let expected = hash(&processes.run(&[]), &graph);
     let mut random = 0x2545_f491_4f6c_dd1d_u64;
-    let mut next = |below: usize| {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        (random % below as u64) as usize
-    };
+    fn next(below: usize, random: &mut u64) -> usize {
+        *random ^= *random << 13;
+        *random ^= *random >> 7;
+        *random ^= *random << 17;
+        (*random % below as u64) as usize
+    }
     for _ in 0..20 {
         let files = processes.files();
         for _ in 0..50 {
-            let file = &files[next(files.len())];
+            let file = &files[next(files.len(), &mut random)];
             let mut bytes = fs::read(file).unwrap();
             if !bytes.is_empty() {
-                let place = next(bytes.len());
-                bytes[place] ^= 1 << next(8);
+                let place = next(bytes.len(), &mut random);
+                bytes[place] ^= 1 << next(8, &mut random);
                 fs::write(file, bytes).unwrap();
             }
         }
@@ -211,9 +211,13 @@ impl Clearing<'_> {
         let is_first = seen.insert(node.to_owned());
         self.more.notify_all();
         if is_first {
-            let waits = |seen: &mut BTreeSet<String>| !seen.contains(other);
             let patience = Duration::from_secs(20);
-            let (mut seen, waited) = self.more.wait_timeout_while(seen, patience, waits).unwrap();
+            let (mut seen, waited) = self
+                .more
+                .wait_timeout_while(seen, patience, |seen: &mut BTreeSet<String>| {
+                    !seen.contains(other)
+                })
+                .unwrap();
             if waited.timed_out() {
                 seen.insert("nobody came".to_owned());
             }
@@ -257,25 +261,28 @@ fn values_that_go_while_their_sources_are_restored_are_computed_again() {
         \"last\": Transform(mesh: \"middle\", translate: (Param(\"far\"), 0, 0)),
     }, outputs: {\"last.ply\": \"last\"})";
     fs::write(&path, text).unwrap();
-    let graph = |far: &str| {
+    fn graph(far: &str, path: &Path, processes_catalog: &Catalog) -> Graph {
         let set = vec![("far".to_owned(), far.to_owned())];
         let options = Options { set, ..Options::default() };
-        let checked = Graph::load(&path, &processes.catalog, &options);
+        let checked = Graph::load(path, processes_catalog, &options);
         checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
-    };
+    }
     let mut evaluator = processes.evaluator();
-    evaluator.evaluate_nodes(&graph("1"), &["first"]);
+    evaluator.evaluate_nodes(&graph("1", &path, &processes.catalog), &["first"]);
     evaluator.disk().unwrap().finish();
-    let is_entry = |file: &PathBuf| file.parent().unwrap().ends_with("entries");
-    let first = Vec::from_iter(processes.files().into_iter().filter(is_entry));
+    let first: Vec<_> = processes
+        .files()
+        .into_iter()
+        .filter(|file| file.parent().unwrap().ends_with("entries"))
+        .collect();
     assert_eq!(first.len(), 1);
-    evaluator.evaluate_nodes(&graph("1"), &["last"]);
+    evaluator.evaluate_nodes(&graph("1", &path, &processes.catalog), &["last"]);
     evaluator.disk().unwrap().finish();
     fs::remove_file(&first[0]).unwrap();
 
     let (seen, more) = (Mutex::default(), Condvar::new());
     let clearing = Clearing { cache: processes.cache(), seen, more };
-    let graph = graph("2");
+    let graph = graph("2", &path, &processes.catalog);
     let mut evaluator = processes.evaluator();
     let evaluation = evaluator.evaluate_all_nodes(&graph, &clearing, &CancelToken::default());
     assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
@@ -358,15 +365,19 @@ fn verifying_computes_and_finds_no_difference() {
 fn every_value_of_the_examples_is_read_back_as_it_was() {
     let processes = Processes::new();
     for path in crate::examples::examples() {
-        let load = || Graph::load(&path, &processes.catalog, &Options::default()).graph.unwrap();
-        let evaluate = |graph: &Graph| {
+        fn load(path: &Path, processes_catalog: &Catalog) -> Graph {
+            Graph::load(path, processes_catalog, &Options::default()).graph.unwrap()
+        }
+        fn evaluate(graph: &Graph, processes: &Processes) -> Evaluation {
             let mut evaluator = processes.evaluator();
             let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
             evaluator.disk().unwrap().finish();
             evaluation
-        };
-        let (first_graph, second_graph) = (load(), load());
-        let (first, second) = (evaluate(&first_graph), evaluate(&second_graph));
+        }
+        let (first_graph, second_graph) =
+            (load(&path, &processes.catalog), load(&path, &processes.catalog));
+        let (first, second) =
+            (evaluate(&first_graph, &processes), evaluate(&second_graph, &processes));
         assert_eq!(
             second.trace().count(State::Computed),
             0,
@@ -375,10 +386,19 @@ fn every_value_of_the_examples_is_read_back_as_it_was() {
             second.trace()
         );
         for name in first_graph.node_names() {
-            let value = |evaluation: &Evaluation| {
-                evaluation.find(&first_graph, name, "").map(|value| value.hash())
-            };
-            assert_eq!(value(&first), value(&second), "{}: {name}", path.display());
+            fn value(
+                evaluation: &Evaluation,
+                first_graph: &Graph,
+                name: &str,
+            ) -> Option<maquette::Hash> {
+                evaluation.find(first_graph, name, "").map(|value| value.hash())
+            }
+            assert_eq!(
+                value(&first, &first_graph, name),
+                value(&second, &first_graph, name),
+                "{}: {name}",
+                path.display()
+            );
         }
     }
 }

@@ -27,8 +27,10 @@ fn edit(path: &Path, text: &str, edits: &[Edit]) -> Result<Edited, Vec<Problem>>
 }
 
 fn differences(path: &Path, old: &str, new: &str) -> Vec<Difference> {
-    let source = |text: &str| Source { name: path.to_owned(), text: text.to_owned() };
-    Graph::differences(&source(old), &source(new), catalog()).unwrap()
+    fn source(text: &str, path: &Path) -> Source {
+        Source { name: path.to_owned(), text: text.to_owned() }
+    }
+    Graph::differences(&source(old, path), &source(new, path), catalog()).unwrap()
 }
 
 const DOLL: &str = include_str!("../../graphs/doll.ron");
@@ -60,13 +62,18 @@ fn output(name: &str, to: Option<&str>) -> Edit {
 }
 
 fn edited(text: &str, edits: &[Edit]) -> Result<String, String> {
-    let told = |problem: &Problem| {
-        let place = maquette::Place::of(&problem.source.text, problem.span.start);
-        let Problem { code, message, help, .. } = problem;
-        format!("{code} {}:{} {message} ({help})", place.line, place.column)
-    };
     let edited = edit(Path::new("nowhere/graph.ron"), text, edits).map(|edited| edited.text);
-    edited.map_err(|problems| Vec::from_iter(problems.iter().map(told)).join("\n"))
+    edited.map_err(|problems| {
+        problems
+            .iter()
+            .map(|problem| {
+                let place = maquette::Place::of(&problem.source.text, problem.span.start);
+                let Problem { code, message, help, .. } = problem;
+                format!("{code} {}:{} {message} ({help})", place.line, place.column)
+            })
+            .collect::<Vec<_>>()
+            .join("\n")
+    })
 }
 
 /// That an edit replaces these parts of a text, in order, and no others.
@@ -129,7 +136,7 @@ fn edits_that_are_right_together_are_done_together() {
     assert!(edited(DOLL, &edits[..1]).is_err());
     let text = edited(DOLL, &edits).unwrap();
     let found = differences(Path::new("nowhere/graph.ron"), DOLL, &text);
-    let found = Vec::from_iter(found.iter().map(ToString::to_string)).join("\n");
+    let found = found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     expect![[r#"
         node blue: added: Threshold(image: "scan", select: Otsu())
         node dots: added: Label(mask: "blue")

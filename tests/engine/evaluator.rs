@@ -291,9 +291,9 @@ fn each_node_is_visited_once_however_early_it_becomes_ready() {
         }
     }
     const PAIRS: usize = 1000;
-    let give = |k: usize| format!("\"a{k}\": Give(number: {k}), ");
-    let sum = |k: usize| format!("\"b{k}\": Sum(numbers: [\"a{k}\"]), ");
-    let nodes = (0..PAIRS).map(give).chain((0..PAIRS).map(sum));
+    let nodes = (0..PAIRS)
+        .map(|k: usize| format!("\"a{k}\": Give(number: {k}), "))
+        .chain((0..PAIRS).map(|k: usize| format!("\"b{k}\": Sum(numbers: [\"a{k}\"]), ")));
     let graph = load(&nodes.collect::<String>());
     for _ in 0..20 {
         let ends = Ends(AtomicUsize::new(0));

@@ -31,7 +31,7 @@ fn told(problems: &[Problem]) -> BTreeMap<(&str, &str), i32> {
 /// The graph files of a folder.
 fn graphs(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let mut paths = Vec::from_iter(entries.map(|entry| entry.unwrap().path()));
+    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     paths.retain(|path| {
         let name = path.to_string_lossy();
         name.ends_with(".ron") && !name.ends_with(".pins.ron")
@@ -57,7 +57,7 @@ fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
             let mut expected = told(&before);
             *expected.get_mut(&(problem.code, &problem.message[..])).unwrap() -= 1;
             let shown = now.iter().filter(|it| !was_hidden(it, problem));
-            for (what, count) in told(&Vec::from_iter(shown.cloned())) {
+            for (what, count) in told(&shown.cloned().collect::<Vec<_>>()) {
                 let before = expected.get(&what).copied().unwrap_or_default();
                 let name = path.display();
                 assert!(count <= before, "{name}: {}: {what:?}\n{fixed}", problem.message);
@@ -159,7 +159,7 @@ fn several_problems_are_put_right_one_after_the_other() {
 
 #[test]
 fn a_value_of_another_type_goes_through_the_only_node_that_makes_it_fit() {
-    let text = |middle: &str, link: &str| {
+    fn text(middle: &str, link: &str) -> String {
         format!(
             r#"Graph(
     format: 1,
@@ -173,7 +173,7 @@ fn a_value_of_another_type_goes_through_the_only_node_that_makes_it_fit() {
 )
 "#
         )
-    };
+    }
     let (found, mended) = fixed(&text("", "skin"));
     let between = "\"skin-tessellate\": Tessellate(surface: \"skin\"),\n        ";
     assert_eq!(found, text(between, "skin-tessellate"), "{mended:?}");

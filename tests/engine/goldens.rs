@@ -43,10 +43,10 @@ fn every_graph_gives_what_it_gave() {
 
 #[test]
 fn every_graph_has_a_test() {
-    let names = |folder: &Path| -> Vec<PathBuf> {
+    fn names(folder: &Path) -> Vec<PathBuf> {
         let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
         files.filter(|path| path.extension().is_some_and(|ending| ending == "ron")).collect()
-    };
+    }
     let run = all();
     for folder in ["", "/nodes", "/checks"].map(|room| format!("{GRAPHS}{room}")) {
         let graphs = names(Path::new(&folder)).into_iter();
@@ -59,14 +59,14 @@ fn every_graph_has_a_test() {
 /// The doll's graph with its test and goldens, to be changed.
 fn copy() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let copy = |from: &Path, to: &Path| {
+    fn copy(from: &Path, to: &Path) {
         std::fs::create_dir_all(to).unwrap();
         for file in std::fs::read_dir(from).unwrap().map(|file| file.unwrap().path()) {
             if file.is_file() {
                 std::fs::copy(&file, to.join(file.file_name().unwrap())).unwrap();
             }
         }
-    };
+    }
     let graphs = Path::new(GRAPHS);
     let cases =
         ["default", "none", "longest", "long", "coarse"].map(|case| format!("goldens/doll/{case}"));

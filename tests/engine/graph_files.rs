@@ -372,9 +372,9 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("graph.ron");
-    let text = |file: &str| {
+    fn text(file: &str) -> String {
         format!("Graph(format: 1, nodes: {{\"a\": ReadCloud(path: \"{file}\")}}, outputs: {{}})")
-    };
+    }
     for (file, expected) in [("a.cloud", 0), ("a.ply", 1)] {
         std::fs::write(folder.path().join(file), "").unwrap();
         std::fs::write(&path, text(file)).unwrap();
@@ -389,12 +389,14 @@ fn long_files_are_checked_in_seconds() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("doll.obj"), "").unwrap();
     let path = folder.path().join("graph.ron");
-    let graph = |nodes: &str, outputs: &str| {
+    fn graph(nodes: &str, outputs: &str) -> String {
         format!(
             "Graph(format: 1, nodes: {{\"m\": ReadMesh(path: \"doll.obj\"), {nodes}}}, outputs: {{{outputs}}})"
         )
-    };
-    let all = |count: usize, one: fn(usize) -> String| String::from_iter((0..count).map(one));
+    }
+    fn all(count: usize, one: fn(usize) -> String) -> String {
+        String::from_iter((0..count).map(one))
+    }
     let links = all(10_000, |k| format!("\"n{k}\": Transform(mesh: \"n{k}x\"),"));
     let outputs = all(100_000, |k| format!("\"f{k}.ply\": \"m\","));
     let cases = all(100_000, |k| format!("\"c{k}\": \"m\","));
@@ -429,7 +431,7 @@ fn the_graphs_of_the_design_are_refused_as_it_says() {
         let path = folder.join(name);
         let checked = Graph::load(&path, &catalog, &Options::default());
         let entries = entries.as_array().unwrap();
-        let fits = |entry: &serde_json::Value, problem: &Problem| {
+        fn fits(entry: &serde_json::Value, problem: &Problem) -> bool {
             let place = Place::of(&problem.source.text, problem.span.start);
             let lines: Vec<u64> = match &entry["line"] {
                 serde_json::Value::Array(lines) => {
@@ -437,15 +439,17 @@ fn the_graphs_of_the_design_are_refused_as_it_says() {
                 }
                 line => vec![line.as_u64().unwrap()],
             };
-            let column = |k: usize| entry["column"][k].as_u64().unwrap() as usize;
+            fn column(k: usize, entry: &serde_json::Value) -> usize {
+                entry["column"][k].as_u64().unwrap() as usize
+            }
             let words = entry["words"].as_array().unwrap();
             lines.contains(&(place.line as u64))
-                && (column(0)..column(1)).contains(&place.column)
+                && (column(0, entry)..column(1, entry)).contains(&place.column)
                 && words.iter().all(|word| {
                     let word = word.as_str().unwrap();
                     problem.message.contains(word) || problem.help.contains(word)
                 })
-        };
+        }
         for entry in entries {
             let found = checked.problems.iter().any(|problem| fits(entry, problem));
             assert!(found, "{name}: nothing fits {entry}\n{}", problems(&path));

@@ -117,12 +117,15 @@ fn what_is_made_of_the_values_before_has_the_same_bytes() {
     let mut session = Session::new(2);
     for growth in ["12.0", "13.0", "13.5"] {
         let graph = session.load(&[("growth", growth), ("levels", "2")]);
-        let hash = |evaluator: &mut Evaluator| {
-            let evaluation = evaluator.evaluate_all(&graph);
-            evaluation.find(&graph, "model", "").map(AnyValue::hash)
-        };
-        let followed = hash(&mut session.evaluator);
-        assert!(followed.is_some() && followed == hash(&mut Session::new(2).evaluator), "{growth}");
+        fn hash(evaluator: &mut Evaluator, graph: &Graph) -> Option<maquette::Hash> {
+            let evaluation = evaluator.evaluate_all(graph);
+            evaluation.find(graph, "model", "").map(AnyValue::hash)
+        }
+        let followed = hash(&mut session.evaluator, &graph);
+        assert!(
+            followed.is_some() && followed == hash(&mut Session::new(2).evaluator, &graph),
+            "{growth}"
+        );
     }
 }
 

@@ -41,11 +41,10 @@ mod zeros;
 fn each_mistake_is_told_once_at_its_place() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad");
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
-    let is_graph = |path: &std::path::PathBuf| {
+    let graphs = files.filter(|path| {
         let name = path.to_string_lossy();
         name.ends_with(".ron") && !name.ends_with(".pins.ron")
-    };
-    let graphs = files.filter(is_graph);
+    });
     let graphs = Vec::from_iter(graphs);
     for path in &graphs {
         let told = problems(path);

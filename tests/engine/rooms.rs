@@ -98,7 +98,7 @@ fn no_crate_of_the_engine_stands_on_another_than_it_may() {
         let needed = needed.lines().filter_map(|line| line.strip_prefix("maquette-"));
         let needed = needed.filter_map(|rest| rest.split('.').next());
         let (_, allowed) = CRATES.iter().find(|(known, _)| *known == name).expect(&name);
-        let wrong = Vec::from_iter(needed.filter(|other| !allowed.contains(other)));
+        let wrong: Vec<_> = needed.filter(|other| !allowed.contains(other)).collect();
         assert!(wrong.is_empty(), "{name} may not stand on {wrong:?}");
         found.insert(name);
     }
@@ -137,13 +137,16 @@ fn largest_knot(arrows: &[Arrow]) -> BTreeSet<&str> {
     };
     let files = BTreeSet::from_iter(arrows.iter().map(|arrow| &*arrow.from));
     let all = BTreeMap::from_iter(files.iter().map(|file| (*file, reached(file))));
-    let knot = |file: &&str| {
-        let both = all[file]
-            .iter()
-            .filter(|other| all.get(*other).is_some_and(|back| back.contains(file)));
-        BTreeSet::from_iter(both.copied())
-    };
-    files.iter().map(knot).max_by_key(BTreeSet::len).unwrap_or_default()
+    files
+        .iter()
+        .map(|file| {
+            let both = all[file]
+                .iter()
+                .filter(|other| all.get(*other).is_some_and(|back| back.contains(file)));
+            BTreeSet::from_iter(both.copied())
+        })
+        .max_by_key(BTreeSet::len)
+        .unwrap_or_default()
 }
 
 #[test]
@@ -185,16 +188,16 @@ fn a_circle_is_found_however_it_is_written() {
 #[test]
 fn who_names_a_node_is_found_however_it_is_written() {
     let node = "pub struct Left; impl Node for Left {}";
-    let named = |other: &str| {
+    fn named(other: &str, node: &str) -> Vec<String> {
         let root = "mod a; mod b; pub use {a::Left, b::Right as Other};";
         let right = format!("pub struct Right; {other}");
         let files = [("lib.rs", root), ("a.rs", node), ("b.rs", &right)];
         named_nodes(&sources(&files))
-    };
-    for bad in ["use super::Left;", "pub use super::a::Left;", "fn f(_: crate::Left) {}"] {
-        assert_eq!(named(bad).len(), 1, "{bad}");
     }
-    assert_eq!(named("#[cfg(test)] mod tests { use super::super::Left; }"), [""; 0]);
+    for bad in ["use super::Left;", "pub use super::a::Left;", "fn f(_: crate::Left) {}"] {
+        assert_eq!(named(bad, node).len(), 1, "{bad}");
+    }
+    assert_eq!(named("#[cfg(test)] mod tests { use super::super::Left; }", node), [""; 0]);
 }
 
 /// A crate with two files in a pack, which hands on both.
@@ -215,7 +218,7 @@ fn sources(files: &[(&str, &str)]) -> Sources {
 /// The folders of the packs, and of what they stand on.
 fn packs() -> Vec<PathBuf> {
     let inside = std::fs::read_dir(folder().join("nodes")).unwrap();
-    let mut packs = Vec::from_iter(inside.map(|entry| entry.unwrap().path()));
+    let mut packs: Vec<_> = inside.map(|entry| entry.unwrap().path()).collect();
     packs.retain(|path| path.is_dir());
     packs.sort();
     packs
@@ -229,10 +232,12 @@ fn named_nodes(sources: &Sources) -> Vec<String> {
     let nodes = Vec::from_iter(sources.files_with(&NODE));
     let mut named = Vec::from_iter(sources.arrows_with_reexports());
     named.retain(|arrow| nodes.contains(&arrow.to) && arrow.from != "lib.rs");
-    let tell = |Arrow { from, to, path, line }| {
-        format!("{from}:{line} names {path}, which stands in a node's file, {to}")
-    };
-    named.into_iter().map(tell).collect()
+    named
+        .into_iter()
+        .map(|Arrow { from, to, path, line }| {
+            format!("{from}:{line} names {path}, which stands in a node's file, {to}")
+        })
+        .collect()
 }
 
 /// The arrows that lead from one room to another, where `room` says in which room a file stands.
@@ -259,7 +264,7 @@ fn circles(arrows: &[Arrow]) -> Vec<String> {
             for to in arrows.iter().filter(|arrow| arrow.from == *last).map(|arrow| &arrow.to) {
                 if to == start {
                     told.extend(way.iter().copied());
-                    let names = Vec::from_iter(way.iter().chain([&start]).map(|name| &***name));
+                    let names: Vec<_> = way.iter().chain([&start]).map(|name| &***name).collect();
                     found.push(names.join(" -> "));
                     next = ways.len();
                     break;

@@ -35,8 +35,9 @@ const USE: &str = r#"Graph(
 )"#;
 
 fn inputs(run: &maquette::Finished) -> BTreeMap<String, AnyValue> {
-    let input = |name: &str| (name.to_owned(), run.value(&format!("scan.{name}")).unwrap().clone());
-    ["color", "range"].map(input).into()
+    ["color", "range"]
+        .map(|name| (name.to_owned(), run.value(&format!("scan.{name}")).unwrap().clone()))
+        .into()
 }
 
 fn computed(trace: &RunTrace) -> Vec<String> {
@@ -53,7 +54,7 @@ fn a_graph_that_is_called_gives_what_its_use_gives_from_the_same_cache() {
     assert!(used.problems().is_empty(), "{:?}", used.problems());
 
     let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
-    let wants = Vec::from_iter(feature.inputs().iter().map(|it| (&it.name[..], it.kind.name)));
+    let wants: Vec<_> = feature.inputs().iter().map(|it| (&it.name[..], it.kind.name)).collect();
     assert_eq!(wants, [("color", "Image"), ("range", "RangeImage")]);
     let called = session.run(&feature, &Run { inputs: inputs(&used), ..Run::default() }).unwrap();
     assert!(called.problems().is_empty(), "{:?}", called.problems());
@@ -79,8 +80,9 @@ fn files_become_inputs_and_outputs_become_files() {
     let used = loaded(&session, &path, &Options::default().with_text(&path, USE));
     let wanted = Wanted::Named(vec!["scan".into()]);
     let scan = session.run(&used, &Run { wanted, ..Run::default() }).unwrap();
-    let hashes =
-        |inputs: &BTreeMap<String, AnyValue>| Vec::from_iter(inputs.values().map(AnyValue::hash));
+    fn hashes(inputs: &BTreeMap<String, AnyValue>) -> Vec<maquette::Hash> {
+        inputs.values().map(AnyValue::hash).collect::<Vec<_>>()
+    }
     assert_eq!(hashes(&inputs), hashes(&self::inputs(&scan)));
     let folder = tempfile::tempdir().unwrap();
     let run = session.run(&feature, &Run { inputs, ..Run::default() }).unwrap();
@@ -118,7 +120,7 @@ fn a_value_of_a_wrong_type_is_refused_with_its_place_and_one_that_is_missing_fai
 
     let some = BTreeMap::from([("color".to_owned(), image)]);
     let run = session.run(&feature, &Run { inputs: some, ..Run::default() }).unwrap();
-    let told = Vec::from_iter(run.problems().into_iter().map(|problem| problem.message));
+    let told: Vec<_> = run.problems().into_iter().map(|problem| problem.message).collect();
     let expected = "`range` cannot be computed: it is an input without a value: `maquette run --input range=FILE` gives it one, \
         as does a graph that uses this one";
     assert_eq!(told, [expected]);
@@ -130,19 +132,19 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
     let mut session = session();
     let folder = tempfile::tempdir().unwrap();
     let [outer, inner] = ["outer.ron", "lib/inner.ron"].map(|name| folder.path().join(name));
-    let text = |scale: f64| {
+    fn text(scale: f64, outer: &Path, inner: &Path) -> Options {
         Options::default()
-            .with_text(&outer, r#"Graph(format: 1, use: { "Inner": "lib/inner.ron" }, nodes: { "big": Inner() }, outputs: { "big.ply": "big" })"#)
-            .with_text(&inner, format!(r#"Graph(format: 1, inputs: {{}}, nodes: {{
+            .with_text(outer, r#"Graph(format: 1, use: { "Inner": "lib/inner.ron" }, nodes: { "big": Inner() }, outputs: { "big.ply": "big" })"#)
+            .with_text(inner, format!(r#"Graph(format: 1, inputs: {{}}, nodes: {{
                 "cloud": ReadMesh(path: "a.obj"),
                 "big": Transform(mesh: "cloud", scale: ({scale:?}, {scale:?}, {scale:?})),
             }}, outputs: {{ "mesh": "big" }})"#))
-    };
+    }
     std::fs::create_dir(folder.path().join("lib")).unwrap();
     std::fs::write(folder.path().join("lib/a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
         .unwrap();
     for scale in [2.0, 3.0] {
-        let graph = loaded(&session, &outer, &text(scale));
+        let graph = loaded(&session, &outer, &text(scale, &outer, &inner));
         let run = session.run(&graph, &Run::default()).unwrap();
         let mesh = run.get::<Mesh>("big.ply").unwrap();
         assert_eq!(mesh.positions()[1].x, scale);
@@ -186,24 +188,32 @@ fn a_stranger_s_format_becomes_an_input_and_can_be_compared() {
 fn a_large_file_that_is_written_again_and_again_is_what_a_new_session_writes() {
     let path = graphs().join("doll.ron");
     let folder = tempfile::tempdir().unwrap();
-    let write = |session: &mut Session, into: &OutputFolder, growth: f64, levels: &str| {
+    fn write(
+        session: &mut Session,
+        into: &OutputFolder,
+        growth: f64,
+        levels: &str,
+        path: &Path,
+    ) -> Vec<maquette::Written> {
         let set = [("growth", format!("{growth}")), ("levels", levels.to_owned())];
         let set = set.map(|(name, value)| (name.to_owned(), value)).into();
-        let graph = loaded(session, &path, &Options { set, ..Options::default() });
+        let graph = loaded(session, path, &Options { set, ..Options::default() });
         let wanted = ["model.glb", "model.ply"].map(str::to_owned);
         let made = session.produce(&graph, &wanted, into, &(), &CancelToken::default()).unwrap();
         assert!(made.complete, "{:?}", made.problems);
         made.written
-    };
+    }
     let mut long = session();
     let into = OutputFolder::new(Some(folder.path()), &path);
     for (growth, levels) in
         [(12.0, "3"), (13.0, "3"), (12.5, "3"), (12.5, "1"), (13.0, "3"), (40.0, "3"), (12.5, "3")]
     {
-        let written = write(&mut long, &into, growth, levels);
+        let written = write(&mut long, &into, growth, levels, &path);
         let fresh = tempfile::tempdir().unwrap();
         let alone = OutputFolder::new(Some(fresh.path()), &path);
-        for (file, expected) in written.iter().zip(write(&mut session(), &alone, growth, levels)) {
+        for (file, expected) in
+            written.iter().zip(write(&mut session(), &alone, growth, levels, &path))
+        {
             let [bytes, expected_bytes] =
                 [file, &expected].map(|it| std::fs::read(&it.path).unwrap());
             assert!(levels == "1" || 16 << 20 <= bytes.len(), "large enough to be in pieces");

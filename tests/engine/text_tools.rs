@@ -25,15 +25,17 @@ fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
     let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
     let folders = own.into_iter().chain(beside("graphs"));
-    let mut files = Vec::from_iter(folders.flat_map(|folder| ron_files(&folder)));
+    let mut files: Vec<_> = folders.flat_map(|folder| ron_files(&folder)).collect();
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     assert!(files.len() > 30);
     files.sort();
-    let read = |path: PathBuf| {
-        let text = std::fs::read_to_string(&path).unwrap();
-        (path, text)
-    };
-    files.into_iter().map(read).collect()
+    files
+        .into_iter()
+        .map(|path: PathBuf| {
+            let text = std::fs::read_to_string(&path).unwrap();
+            (path, text)
+        })
+        .collect()
 }
 
 /// The text with some bytes taken out, doubled, or replaced by pieces that graphs are made of.
@@ -76,7 +78,9 @@ fn formatted(text: &str) -> Option<String> {
 }
 
 fn differences(old: &str, new: &str) -> Vec<String> {
-    let source = |text: &str| Source { name: "graph.ron".into(), text: text.to_owned() };
+    fn source(text: &str) -> Source {
+        Source { name: "graph.ron".into(), text: text.to_owned() }
+    }
     let found = Graph::differences(&source(old), &source(new), catalog()).unwrap();
     found.iter().map(ToString::to_string).collect()
 }
@@ -211,7 +215,7 @@ fn comments_stay_with_what_they_are_about() {
 
 #[test]
 fn long_lists_and_calls_are_broken() {
-    let numbers = Vec::from_iter((0..60).map(|k| k.to_string())).join(", ");
+    let numbers = (0..60).map(|k| k.to_string()).collect::<Vec<_>>().join(", ");
     let long = "abcdefghij".repeat(12);
     check_form(
         &format!(
@@ -268,9 +272,9 @@ fn set(text: &str, values: &[(&str, &str)]) -> Result<String, String> {
 
 #[test]
 fn a_value_that_is_set_is_all_that_changes() {
-    let check = |target, value, old: &str, new: &str| {
+    fn check(target: &str, value: &str, old: &str, new: &str) {
         assert_eq!(set(DOLL, &[(target, value)]), Ok(DOLL.replacen(old, new, 1)), "{target}");
-    };
+    }
     check("red.select.distance", "25.5", "distance: 30.0", "distance: 25.5");
     check("red.select.Near.distance", "25.5", "distance: 30.0", "distance: 25.5");
     check("growth", "20", "default: 12.0", "default: 20");
@@ -287,14 +291,14 @@ fn a_value_that_is_set_is_all_that_changes() {
 
 #[test]
 fn a_field_that_is_not_there_is_added_as_its_author_writes_fields() {
-    let check = |node: &str, target, value, expected: &str| {
-        let graph = |node: &str| {
+    fn check(node: &str, target: &str, value: &str, expected: &str) {
+        fn graph(node: &str) -> String {
             format!(
                 "Graph(format: 1, nodes: {{\n  \"i\": ReadImage(path: \"a.png\"),\n  \"n\": {node},\n}}, outputs: {{}})"
             )
-        };
+        }
         assert_eq!(set(&graph(node), &[(target, value)]), Ok(graph(expected)));
-    };
+    }
     let near = "select: Near(color: \"#c33923\")";
     check(
         &format!("Threshold(image: \"i\", {near})"),
@@ -373,9 +377,9 @@ fn any_value_that_is_set_is_read_back_by_ron() {
 
 #[test]
 fn what_would_make_a_new_problem_is_refused() {
-    let check = |target, value, expected: Expect| {
+    fn check(target: &str, value: &str, expected: Expect) {
         expected.assert_eq(&set(DOLL, &[(target, value)]).unwrap_err());
-    };
+    }
     check(
         "growth",
         "99",
@@ -456,14 +460,19 @@ fn setting_a_value_and_setting_it_back_gives_the_same_bytes() {
             ("doll.path", "another.obj"),
             ("photo.path", "a folder/another.png"),
         ] {
-            let put = |text: &str, value: &str| {
+            fn put(
+                text: &str,
+                value: &str,
+                path: &Path,
+                target: &str,
+            ) -> Result<maquette::Edited, Vec<Problem>> {
                 let set = [(target.to_owned(), value.to_owned())];
-                maquette::edit::edited(&path, text, &set, catalog(), &Options::default())
-            };
-            let Ok(new) = put(&text, other) else { continue };
+                maquette::edit::edited(path, text, &set, catalog(), &Options::default())
+            }
+            let Ok(new) = put(&text, other, &path, target) else { continue };
             let Some(before) = &new.changes[0].before else { continue };
             assert_ne!(new.text, text);
-            let back = put(&new.text, before).map(|edited| edited.text);
+            let back = put(&new.text, before, &path, target).map(|edited| edited.text);
             assert_eq!(back, Ok(text.clone()), "{}: {target}", path.display());
             count += 1;
         }
@@ -542,7 +551,9 @@ fn the_form_of_a_text_keeps_the_ends_of_its_lines() {
         form.starts_with("Graph(\n    format: 1, // a\n") && form.contains("\"d\ne\""),
         "{form}"
     );
-    let windows = |text: &str| text.replace('\n', "\r\n");
+    fn windows(text: &str) -> String {
+        text.replace('\n', "\r\n")
+    }
     assert_eq!(formatted(&windows(TEXT)), Some(windows(&form)));
     assert_eq!(formatted(&windows(&form)), Some(windows(&form)));
     // Where lines end differently, they end with a line feed alone.

@@ -56,29 +56,30 @@ fn shapes() -> Project {
     });
     let order = (1..=24).map(|k| format!(" {k}"));
     let curve = format!("{}l{} 1\n", String::from_iter(ring), String::from_iter(order));
-    let write = |name: &str, content: &[u8]| {
+    fn write(name: &str, content: &[u8], project: &Project) {
         std::fs::write(project.folder().join(name), content).unwrap();
-    };
-    write("wave.ply", wave(0.0).as_bytes());
-    write("points.xyz", String::from_iter(points).as_bytes());
-    write("curve.obj", curve.as_bytes());
+    }
+    write("wave.ply", wave(0.0).as_bytes(), &project);
+    write("points.xyz", String::from_iter(points).as_bytes(), &project);
+    write("curve.obj", curve.as_bytes(), &project);
     // Three squares: a picture that goes on beyond its border, a color, and another picture.
     let squares = "mtllib materials.mtl\nv 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nv 0 1 0\nv 1 1 0\nv 2 1 0\nv 3 1 0\nvt 0.5 0.5\nvt 2.5 0.5\n\
                    vt 2.5 1.5\nvt 0.5 1.5\nusemtl a\nf 1/1 2/2 6/3 5/4\nusemtl b\nf 2/1 3/2 7/3 6/4\nusemtl c\nf 3/1 4/2 8/3 7/4\n";
-    write("materials.obj", squares.as_bytes());
+    write("materials.obj", squares.as_bytes(), &project);
     write(
         "materials.mtl",
         b"newmtl a\nmap_Kd a.png\nnewmtl b\nKd 0.9 0.2 0.1\nnewmtl c\nmap_Kd c.png\n",
+        &project,
     );
     for (name, blue) in [("a.png", 30), ("c.png", 230)] {
         // What is at one border is at the other one.
-        let level = |k: usize| {
+        fn level(k: usize) -> u8 {
             let angle = (k as f64 + 0.5) * std::f64::consts::TAU / 16.0;
             (127.5 + 120.0 * libm::cos(angle)) as u8
-        };
+        }
         let pixels = (0..16 * 16).map(|k| [level(k % 16), level(k / 16), blue]);
         let image = Image::new(16, 16, pixels.collect::<Vec<_>>()).unwrap();
-        write(name, &png::encode_rgb(&image).unwrap());
+        write(name, &png::encode_rgb(&image).unwrap(), &project);
     }
     project
 }
@@ -176,7 +177,7 @@ fn mark() -> Project {
 fn middle_of_red(image: &Image) -> [f64; 2] {
     let pixels = image.pixels().iter().enumerate();
     let red = pixels.filter(|(_, [r, g, b])| *r > 90 && *r > 2 * g.max(b).min(&120));
-    let red = Vec::from_iter(red.map(|(at, _)| [at % image.width(), at / image.width()]));
+    let red: Vec<_> = red.map(|(at, _)| [at % image.width(), at / image.width()]).collect();
     assert!(red.len() > 20, "{} pixels are red", red.len());
     [0, 1].map(|k| red.iter().map(|at| at[k] as f64 + 0.5).sum::<f64>() / red.len() as f64)
 }
@@ -209,7 +210,7 @@ fn a_scan_turns_about_the_place_that_is_clicked_twice() {
     seen.browser.wait("location.hash.split(',').length === 8");
     let camera = seen.word("camera");
     let target =
-        Vec::from_iter(camera.split(',').skip(3).take(3).map(|it| it.parse::<f64>().unwrap()));
+        camera.split(',').skip(3).take(3).map(|it| it.parse::<f64>().unwrap()).collect::<Vec<_>>();
     for keys in [&[][..], &["ArrowRight"], &["ArrowUp", "+"]] {
         seen.press(keys);
         seen.mouse("mouseMoved", [1.0, 1.0], 0);
@@ -320,9 +321,13 @@ fn an_output_is_pinned_beside_another_and_both_are_turned() {
     let Some(mut seen) = Seen::of(Project::doll()) else { return };
     let text = std::fs::read_to_string(seen.project.graph()).unwrap();
     seen.press(&["p"]);
-    let halves = |image: &Image| [columns(image, 0, 240), columns(image, 240, 480)];
+    fn halves(image: &Image) -> [Image; 2] {
+        [columns(image, 0, 240), columns(image, 240, 480)]
+    }
     // What is rounded may be so in another way in another place of the canvas.
-    let same = |[left, right]: &[Image; 2]| Apart::of(left, right).within(ROUNDED);
+    fn same([left, right]: &[Image; 2]) -> bool {
+        Apart::of(left, right).within(ROUNDED)
+    }
     let before = halves(&seen.canvas());
     assert!(same(&before), "the same is seen twice");
     seen.press(&["ArrowRight"]);
@@ -350,12 +355,12 @@ fn an_output_is_pinned_beside_another_and_both_are_turned() {
 #[test]
 fn all_of_it_is_seen_in_the_half_beside_a_pinned_output() {
     let Some(mut seen) = Seen::of(mark()) else { return };
-    let ends_of_blue = |image: &Image| {
+    fn ends_of_blue(image: &Image) -> [usize; 2] {
         let at =
             |(at, [r, _, b]): (usize, &[u8; 3])| (*b > 100 && b > r).then_some(at % image.width());
         let columns = image.pixels().iter().enumerate().filter_map(at);
         [columns.clone().min().unwrap(), columns.max().unwrap()]
-    };
+    }
     let whole = seen.canvas();
     seen.press(&["p"]);
     let [first, last] = ends_of_blue(&columns(&seen.canvas(), 240, 480));
@@ -401,9 +406,9 @@ fn the_edges_of_small_faces_do_not_cover_them() {
     let before = seen.canvas();
     seen.press(&["w"]);
     let after = seen.canvas_after(&before);
-    let light = |image: &Image| {
+    fn light(image: &Image) -> f64 {
         image.pixels().iter().flatten().map(|channel| f64::from(*channel)).sum::<f64>()
-    };
+    }
     assert!(light(&after) < light(&before), "there are edges");
     assert!(light(&after) > 0.8 * light(&before), "{} of {}", light(&after), light(&before));
 }
@@ -419,12 +424,12 @@ fn a_lost_context_comes_back_with_the_same_pixels() {
     seen.browser.ask(
         "window.card = document.querySelector('.frame canvas').getContext('webgl2').getExtension('WEBGL_lose_context'), 0",
     );
-    let told = |what: &str, act: &str| {
+    fn told(what: &str, act: &str) -> String {
         format!(
             "new Promise((done) => {{ document.querySelector('.frame canvas').addEventListener('webglcontext{what}', \
              () => setTimeout(done, 0, 1), {{ once: true }}); window.card.{act}(); }})"
         )
-    };
+    }
     seen.browser.ask(&told("lost", "loseContext"));
     seen.browser.ask(&told("restored", "restoreContext"));
     seen.drawn();
@@ -550,10 +555,15 @@ fn a_narrow_window_shows_all_of_it() {
          const area = document.querySelector(name).getBoundingClientRect(); \
          return [name, [area.left, area.top, area.right, area.bottom]]; }))",
     );
-    let edge = |name: &str, k: usize| told[name][k].as_f64().unwrap();
-    assert!(edge(".frame", 3) - edge(".frame", 1) > 200.0, "{told}");
-    assert!(edge("aside", 1) >= edge(".frame", 3) && edge("aside", 3) <= 1180.0, "{told}");
-    assert!(edge("#link", 2) <= 820.0 && edge("#graph", 2) <= 820.0, "{told}");
+    fn edge(name: &str, k: usize, told: &serde_json::Value) -> f64 {
+        told[name][k].as_f64().unwrap()
+    }
+    assert!(edge(".frame", 3, &told) - edge(".frame", 1, &told) > 200.0, "{told}");
+    assert!(
+        edge("aside", 1, &told) >= edge(".frame", 3, &told) && edge("aside", 3, &told) <= 1180.0,
+        "{told}"
+    );
+    assert!(edge("#link", 2, &told) <= 820.0 && edge("#graph", 2, &told) <= 820.0, "{told}");
 }
 
 #[test]

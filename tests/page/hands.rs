@@ -190,10 +190,12 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     look(&mut browser, "raised", "net");
     let before = file(&project);
     let both = format!("[{FIELD}, document.querySelector('{SLIDER}').value].join()");
-    let says = |growth: &str| before.replace("default: 12.0", &format!("default: {growth}"));
+    fn says(growth: &str, before: &str) -> String {
+        before.replace("default: 12.0", &format!("default: {growth}"))
+    }
     let mut at = |browser: &mut Browser, growth: &str| {
         assert!(served.watch.run_until_ok().done["ok"] == true);
-        assert_eq!(file(&project), says(growth));
+        assert_eq!(file(&project), says(growth, &before));
         browser.wait(&format!("{both} === '{growth},{growth}'"));
     };
     browser.write("#parameter-growth", "20.5");
@@ -225,12 +227,12 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     browser.wait("document.querySelector('#refused').textContent.includes('growth')");
     browser.press("Escape", 0);
     assert_eq!(browser.ask(&both), "0,0");
-    assert_eq!(file(&project), says("0"));
+    assert_eq!(file(&project), says("0", &before));
     // A field that has the focus is the hand's alone once somebody types; else it follows, and its slider, too.
-    project.save(&says("7"));
+    project.save(&says("7", &before));
     at(&mut browser, "7");
     browser.write("#parameter-growth", "33");
-    project.save(&says("8"));
+    project.save(&says("8", &before));
     let run = served.watch.run_until_ok().number();
     browser.wait(&format!("{CAPTION}.endsWith('run {run}')"));
     assert_eq!(browser.ask(&both), "33,33");
@@ -289,16 +291,16 @@ fn held(browser: &mut Browser) -> [f64; 3] {
 fn many_changes_leave_the_memory_of_the_page_where_it_was() {
     let Some((project, mut served, mut browser)) = doll() else { return };
     look(&mut browser, "grid", "mesh");
-    let edits = |browser: &mut Browser, numbers: std::ops::Range<u32>| {
+    fn edits(browser: &mut Browser, numbers: std::ops::Range<u32>, project: &Project) {
         for k in numbers {
             let before = browser.ask(SHOWN);
             project.save(&project.doll_text(2.0 + f64::from(k) / 2.0));
             browser.wait(&format!("{SHOWN} !== {before}"));
         }
-    };
-    edits(&mut browser, 0..5);
+    }
+    edits(&mut browser, 0..5, &project);
     let [columns, bytes, heap] = held(&mut browser);
-    edits(&mut browser, 5..45);
+    edits(&mut browser, 5..45, &project);
     let [columns_then, bytes_then, heap_then] = held(&mut browser);
     assert_eq!((columns, bytes), (columns_then, bytes_then));
     assert!(heap_then < heap + 2e6, "{heap} bytes became {heap_then}");
@@ -308,11 +310,11 @@ fn many_changes_leave_the_memory_of_the_page_where_it_was() {
 #[test]
 fn keys_act_on_what_is_seen_before_anybody_has_clicked() {
     let Some((_project, mut served, mut browser)) = doll() else { return };
-    let pressed = |browser: &mut Browser, label: &str| {
+    fn pressed(browser: &mut Browser, label: &str) -> Json {
         browser.ask(&format!(
             "[...document.querySelectorAll('.tools button')].find((it) => it.textContent === '{label}').ariaPressed"
         ))
-    };
+    }
     let side = "document.querySelector('.side').textContent";
     assert_eq!(browser.ask("document.activeElement === document.body"), true);
     browser.press("w", 0);
@@ -344,7 +346,7 @@ fn keys_act_on_what_is_seen_before_anybody_has_clicked() {
 #[test]
 fn eight_tabs_follow_a_save() {
     let Some((project, mut served, mut browser)) = doll() else { return };
-    let tabs = Vec::from_iter((0..8).map(|_| browser.add_tab()));
+    let tabs: Vec<_> = (0..8).map(|_| browser.add_tab()).collect();
     for tab in &tabs {
         browser.go_to(tab);
         browser.open(&served.link());

@@ -217,26 +217,26 @@ fn nodes_and_problems_are_opened_in_the_editor() {
     browser.wait(SEEN);
     let line =
         |text: &str, words: &str| text.lines().position(|line| line.contains(words)).unwrap() + 1;
-    let opened = |line: usize| {
-        let place = written(&told);
-        std::fs::remove_file(&told).unwrap();
+    fn opened(line: usize, told: &std::path::Path, project: &Project) {
+        let place = written(told);
+        std::fs::remove_file(told).unwrap();
         let expected = format!("{}:{line}:", project.graph().display());
         assert!(place.starts_with(&expected), "{place} is not {expected}");
-    };
+    }
     browser.ask("document.querySelector('svg .node[data-name=nose]').focus()");
     browser.press("e", 0);
-    opened(line(&text, "ExtractRegion("));
+    opened(line(&text, "ExtractRegion("), &told, &project);
     browser.press("Enter", 0);
     let button = "document.querySelector('#node button.place')";
     let said = format!("doll.ron:{}", line(&text, "ExtractRegion("));
     browser.wait(&format!("{button}.textContent === '{said}'"));
     browser.ask(&format!("{button}.click()"));
-    opened(line(&text, "ExtractRegion("));
+    opened(line(&text, "ExtractRegion("), &told, &project);
     let broken = text.replace("Nurbs(", "Nurb(");
     project.save(&broken);
     browser.wait("document.querySelector('#problems button.place')");
     browser.ask("document.querySelector('#problems button.place').click()");
-    opened(line(&broken, "Nurb("));
+    opened(line(&broken, "Nurb("), &told, &project);
     browser.ask("document.activeElement.blur()");
     browser.press("?", 0);
     let help = browser.ask("document.querySelector('#help').textContent");
@@ -247,12 +247,12 @@ fn nodes_and_problems_are_opened_in_the_editor() {
 #[test]
 fn boxes_are_colored_by_state_time_or_bytes() {
     let Some((_project, _served, mut browser)) = doll() else { return };
-    let choose = |browser: &mut Browser, what: &str| {
+    fn choose(browser: &mut Browser, what: &str) {
         browser.ask(&format!(
             "(() => {{ const select = document.querySelector('#profile'); select.value = '{what}'; \
              select.dispatchEvent(new Event('change')); }})()"
         ));
-    };
+    }
     // The colors of the boxes of nodes as red, green and blue from 0 to 1; `color(srgb r g b)` or `rgb(r, g, b)`.
     let fills = "(() => { const read = (text) => { const parts = text.match(/[\\d.]+/g).map(Number); \
                  return text.startsWith('rgb') ? parts.map((part) => part / 255) : parts; }; \
@@ -264,13 +264,13 @@ fn boxes_are_colored_by_state_time_or_bytes() {
                  const [a, b] = [light(fill), light(read(getComputedStyle(text).fill).slice(0, 3))]; \
                  return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05); }); \
                  return { name: node.dataset.name, fill: fill.map((c) => c.toFixed(3)).join(), contrast: Math.min(...contrasts) }; }); })()";
-    let colors = |browser: &mut Browser| {
+    fn colors(browser: &mut Browser, fills: &str) -> (std::collections::BTreeSet<String>, f64) {
         let told = browser.ask(fills);
         let boxes = told.as_array().unwrap().iter();
         let fills = boxes.clone().map(|it| it["fill"].as_str().unwrap().to_owned());
         let least = boxes.map(|it| it["contrast"].as_f64().unwrap()).fold(f64::MAX, f64::min);
         (std::collections::BTreeSet::from_iter(fills), least)
-    };
+    }
     // To look at something is no run: times are still those of the last one.
     browser.ask("document.querySelector('svg .node[data-name=grid]').focus()");
     browser.press("Enter", 0);
@@ -281,11 +281,11 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
         browser.call("Emulation.setEmulatedMedia", media);
         choose(&mut browser, "state");
-        assert_eq!(colors(&mut browser).0.len(), 1);
+        assert_eq!(colors(&mut browser, fills).0.len(), 1);
         assert_eq!(browser.ask("document.querySelector('#legend').hidden"), true);
         for what in ["time", "bytes"] {
             choose(&mut browser, what);
-            let (fills, contrast) = colors(&mut browser);
+            let (fills, contrast) = colors(&mut browser, fills);
             // On a busy machine one node may take nearly all of the time.
             let least = if what == "time" { 2 } else { 4 };
             assert!(fills.len() >= least, "{scheme}, {what}: {fills:?}");
@@ -364,23 +364,23 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     let foreign = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = foreign.local_addr().unwrap();
     // A browser opens connections that it may never use.
-    let answer = |mut stream: TcpStream| {
+    fn answer(mut stream: TcpStream) {
         let _ = stream.read(&mut [0; 4096]);
         let page = "<!doctype html><title>foreign</title>";
         let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n";
         let _ = write!(stream, "{head}Content-Length: {}\r\n\r\n{page}", page.len());
-    };
+    }
     std::thread::spawn(move || {
         for stream in foreign.incoming().flatten() {
             std::thread::spawn(move || answer(stream));
         }
     });
-    let socket = |host: &str, token: &str| {
+    fn socket(host: &str, token: &str) -> String {
         format!(
             "new Promise((told) => {{ const socket = new WebSocket('ws://{host}/socket', ['maquette', '{token}']); \
              socket.onopen = () => told('open'); socket.onerror = () => told('refused'); }})"
         )
-    };
+    }
     for host in [format!("evil.example:{}", address.port()), address.to_string()] {
         browser.open(&format!("http://{host}/"));
         browser.wait("document.title === 'foreign'");

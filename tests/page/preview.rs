@@ -85,12 +85,12 @@ impl Served {
     /// The same of whoever says so; or the status of the refusal.
     fn socket(&self, host: &str, origin: &str, token: &str) -> Result<Page, u16> {
         let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
-        let mut set = |name: &'static str, value: &str| {
+        fn set(name: &'static str, value: &str, request: &mut tungstenite::http::Request<()>) {
             request.headers_mut().insert(name, HeaderValue::from_str(value).unwrap());
-        };
-        set("Host", host);
-        set("Origin", origin);
-        set("Sec-WebSocket-Protocol", &format!("maquette, {token}"));
+        }
+        set("Host", host, &mut request);
+        set("Origin", origin, &mut request);
+        set("Sec-WebSocket-Protocol", &format!("maquette, {token}"), &mut request);
         let stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         match tungstenite::client(request, Socket(stream)) {
@@ -203,19 +203,19 @@ fn no_other_site_is_told_anything() {
         assert!(head.starts_with("HTTP/1.1 403"), "{host}: {head}");
     }
     let own = format!("http://{}", served.host);
-    let refused = |host: &str, origin: &str, token: &str| {
+    fn refused(host: &str, origin: &str, token: &str, served: &Served) -> u16 {
         served.socket(host, origin, token).err().unwrap_or(101)
-    };
-    assert_eq!(refused(&served.host, &own, &served.token), 101);
+    }
+    assert_eq!(refused(&served.host, &own, &served.token, &served), 101);
     let rebound = format!("evil.example:{port}");
-    assert_eq!(refused(&rebound, &format!("http://{rebound}"), &served.token), 403);
+    assert_eq!(refused(&rebound, &format!("http://{rebound}"), &served.token, &served), 403);
     for origin in ["http://evil.example", "null", "", "https://evil.example", "http://127.0.0.1:1"]
     {
-        assert_eq!(refused(&served.host, origin, &served.token), 403, "{origin}");
+        assert_eq!(refused(&served.host, origin, &served.token, &served), 403, "{origin}");
     }
-    assert_eq!(refused(&served.host, &format!("{own}/"), &served.token), 403);
+    assert_eq!(refused(&served.host, &format!("{own}/"), &served.token, &served), 403);
     for token in ["none", &served.token[1..], &"0".repeat(32)] {
-        assert_eq!(refused(&served.host, &own, token), 403, "{token}");
+        assert_eq!(refused(&served.host, &own, token, &served), 403, "{token}");
     }
 }
 
@@ -252,7 +252,7 @@ fn this_machine_alone_is_listened_to() {
     let lines = tables.iter().flatten().flat_map(|table| table.lines());
     // Local address and state; 0A listens.
     let listening = lines.filter_map(|line| {
-        let words = Vec::from_iter(line.split_whitespace());
+        let words: Vec<_> = line.split_whitespace().collect();
         let here = words.get(1)?.strip_suffix(&format!(":{port:04X}"))?;
         (words.get(3)? == &"0A").then(|| here.to_owned())
     });
@@ -302,24 +302,29 @@ fn values_are_looked_at_and_outlive_an_error() {
     let (_, facts) = served.ask(&format!("/facts/{hash}"), &own);
     let facts: Json = serde_json::from_slice(&facts).unwrap();
     assert!(facts.as_array().unwrap().iter().any(|fact| fact[0] == "net"), "{facts}");
-    let column = |value: &Json, name: &str| {
+    fn column(
+        value: &Json,
+        name: &str,
+        served: &Served,
+        own: &[(&str, &str); 1],
+    ) -> (Vec<u8>, String) {
         let name = value["space"]["shapes"][0][name].as_str().unwrap().to_owned();
-        (served.ask(&format!("/column/{name}"), &own).1, name)
-    };
-    let (places, old_name) = column(&first, "position");
+        (served.ask(&format!("/column/{name}"), own).1, name)
+    }
+    let (places, old_name) = column(&first, "position", &served, &own);
     assert!(places.len() > 1000 && places.len().is_multiple_of(12), "{}", places.len());
     assert_eq!(served.status("/column/0123456789abcdef0123456789abcdef", &own), 404);
     project.save(&project.doll_text(12.5));
     let second = page.wait("value");
     assert_ne!(second["hash"], first["hash"]);
     // Who has the old column is told what has changed, if that is less.
-    let (triangles, name) = column(&second, "triangle");
-    assert_eq!(name, column(&first, "triangle").1);
+    let (triangles, name) = column(&second, "triangle", &served, &own);
+    assert_eq!(name, column(&first, "triangle", &served, &own).1);
     let same = format!("/column/{name}?from={name}");
     let (head, changes) = served.ask(&same, &own);
     assert!(head.contains("application/x-maquette-changes"), "{head}");
     assert!(changes.len() < 64 && changes.len() < triangles.len(), "{changes:?}");
-    let (moved, name) = column(&second, "position");
+    let (moved, name) = column(&second, "position", &served, &own);
     let (_, changes) = served.ask(&format!("/column/{name}?from={old_name}"), &own);
     assert!(name != old_name && moved.len() == places.len() && moved != places);
     assert!(changes == moved || changes.len() < moved.len());
@@ -379,7 +384,7 @@ fn eight_pages_are_told_and_one_that_says_too_much_is_left() {
     let project = Project::doll();
     let mut served = Served::new(&project);
     served.watch.run_until_ok();
-    let mut pages = Vec::from_iter((0..8).map(|_| served.page()));
+    let mut pages: Vec<_> = (0..8).map(|_| served.page()).collect();
     pages.iter_mut().for_each(|page| drop(page.wait("done")));
     let mut loud = served.page();
     let _ = loud.0.send(Message::text("x".repeat(3 << 20)));
@@ -462,11 +467,11 @@ fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
     // Each change of the graph is told with these words. No value is computed anew: of each, 7 MB of results would be kept and counted too.
     let words = "many words. ".repeat(1 << 17);
-    let save = |index: usize| {
+    fn save(index: usize, project: &Project, words: &str) {
         let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);
         project.save(&format!("// {index}\n{text}"));
-    };
-    save(0);
+    }
+    save(0, &project, &words);
     let mut served = Served::new(&project);
     served.watch.run_until_ok();
     let mut slow = served.page();
@@ -490,12 +495,12 @@ fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let before = memory(served.watch.id());
     let (mut most, mut run) = (0, 0);
     for index in 1..100 {
-        save(index);
+        save(index, &project, &words);
         run = served.watch.run_until_ok().number();
         most = most.max(memory(served.watch.id()));
     }
     last.store(run + 1, Ordering::SeqCst);
-    save(100);
+    save(100, &project, &words);
     served.watch.run_until_ok();
     let told = reader.join().unwrap();
     assert!(told > 100 << 20, "only {told} bytes were told: nobody was under pressure");

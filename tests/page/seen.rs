@@ -182,7 +182,7 @@ impl Seen {
     pub(crate) fn rendered(&mut self, aside: f64) -> Image {
         let shown = self.browser.ask("document.querySelector('.frame canvas').dataset.shown");
         let camera = self.word("camera");
-        let angles = Vec::from_iter(camera.split(',').map(|word| word.parse::<f64>().unwrap()));
+        let angles: Vec<_> = camera.split(',').map(|word| word.parse::<f64>().unwrap()).collect();
         let [yaw, pitch, zoom] = [angles[0] + aside, angles[1], angles[2]];
         let in_space = "document.querySelector('[data-key=m]')?.ariaPressed === 'true'";
         let flat = self.browser.ask(in_space) != true;
@@ -221,8 +221,12 @@ impl Apart {
         assert_eq!([a.width(), a.height()], [b.width(), b.height()]);
         let (a_means, b_means) = (means(a), means(b));
         let differences = a_means.iter().zip(&b_means).map(|(a, b)| (a - b).abs());
-        let is_other = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > OTHER);
-        let others = a.pixels().iter().zip(b.pixels()).filter(is_other).count();
+        let others = a
+            .pixels()
+            .iter()
+            .zip(b.pixels())
+            .filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > OTHER))
+            .count();
         Self {
             mean: differences.sum::<f64>() / a_means.len() as f64,
             other: others as f64 / a.pixels().len() as f64,
@@ -252,7 +256,7 @@ fn means(image: &Image) -> Vec<f64> {
 /// The columns of a picture from one to another.
 pub(crate) fn columns(image: &Image, from: usize, to: usize) -> Image {
     let rows = image.pixels().chunks(image.width());
-    let pixels = Vec::from_iter(rows.flat_map(|row| row[from..to].iter().copied()));
+    let pixels: Vec<_> = rows.flat_map(|row| row[from..to].iter().copied()).collect();
     Image::new(to - from, image.height(), pixels).unwrap()
 }
 
@@ -262,10 +266,13 @@ fn bytes(text: &str) -> Vec<u8> {
     let digits = text.trim_end_matches('=').bytes();
     let digits = digits.map(|it| DIGITS.iter().position(|&digit| digit == it).unwrap() as u32);
     let digits = Vec::from_iter(digits);
-    let four = |digits: &[u32]| {
-        let number = digits.iter().enumerate().map(|(k, digit)| digit << (18 - 6 * k)).sum::<u32>();
-        let bytes = number.to_be_bytes();
-        bytes[1..digits.len()].to_vec()
-    };
-    digits.chunks(4).flat_map(four).collect()
+    digits
+        .chunks(4)
+        .flat_map(|digits| {
+            let number =
+                digits.iter().enumerate().map(|(k, digit)| digit << (18 - 6 * k)).sum::<u32>();
+            let bytes = number.to_be_bytes();
+            bytes[1..digits.len()].to_vec()
+        })
+        .collect()
 }

@@ -107,11 +107,16 @@ pub(crate) fn say_in_python(json: &mut Json) {
 
 /// Problems as dicts: what `--json` prints of them, and `text`, as a terminal shows them.
 pub(crate) fn problems<'py>(py: Python<'py>, problems: &[Problem]) -> PyResult<Bound<'py, PyList>> {
-    let dict = |problem: &Problem| {
-        let mut json = problem.to_json();
-        json["text"] = reworded(&problem.to_text(false), &WORDS_OF_CHECK).into();
-        say_in_python(&mut json);
-        from_json(py, &json)
-    };
-    PyList::new(py, problems.iter().map(dict).collect::<PyResult<Vec<_>>>()?)
+    PyList::new(
+        py,
+        problems
+            .iter()
+            .map(|problem| {
+                let mut json = problem.to_json();
+                json["text"] = reworded(&problem.to_text(false), &WORDS_OF_CHECK).into();
+                say_in_python(&mut json);
+                from_json(py, &json)
+            })
+            .collect::<PyResult<Vec<_>>>()?,
+    )
 }

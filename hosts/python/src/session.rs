@@ -79,7 +79,7 @@ static HOSTS: Mutex<Vec<Weak<Host>>> = Mutex::new(Vec::new());
 /// Waits until all results that are worth it are on disk, and gives what went wrong with it.
 #[pyfunction]
 pub(crate) fn finish_all(py: Python<'_>) -> Vec<String> {
-    let hosts = Vec::from_iter(lock(&HOSTS).iter().filter_map(Weak::upgrade));
+    let hosts: Vec<_> = lock(&HOSTS).iter().filter_map(Weak::upgrade).collect();
     py.detach(|| {
         let mut troubles = Vec::new();
         for session in hosts.iter().filter(|host| host.is_of_this_process()) {

@@ -44,8 +44,8 @@ impl Value {
         }
         let (facts, columns) = on_threads(py, || {
             let parts = self.value.parts();
-            let column = |part| Column::of(&self.value, part, parts.row);
-            let columns = Vec::from_iter(parts.columns.iter().map(column));
+            let columns: Vec<_> =
+                parts.columns.iter().map(|part| Column::of(&self.value, part, parts.row)).collect();
             let facts = parts.facts.into_iter().map(|fact| (fact.name.into_owned(), fact.value));
             (Vec::from_iter(facts), columns)
         })?;
@@ -256,8 +256,9 @@ fn check_room(bytes: usize) -> PyResult<()> {
 
 /// The type of values of this name.
 pub(crate) fn kind_of(name: &str) -> PyResult<&'static ValueType> {
-    let unknown = || PyValueError::new_err(format!("there is no type of values `{name}`"));
-    CATALOG.value_type(name).ok_or_else(unknown)
+    CATALOG
+        .value_type(name)
+        .ok_or_else(|| PyValueError::new_err(format!("there is no type of values `{name}`")))
 }
 
 /// A value made of columns: (name, what its elements are, what its numbers mean, numbers an element, array without gaps) each.

@@ -47,18 +47,19 @@ pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
     let near: Vec<Vec<u32>> =
         points().map(|k| cloud.tree.within(&cloud.positions[k], radius)).collect();
     // Equation 1, of each point and its neighbors.
-    let simple = |k: usize| {
-        let mut simple = Histogram([0.0; NUMBERS]);
-        for &other in &near[k] {
-            let Some(angles) = angles(cloud, k, other as usize) else { continue };
-            for (part, share) in angles.into_iter().enumerate() {
-                let interval = ((share * INTERVALS as f64) as usize).min(INTERVALS - 1);
-                simple.0[part * INTERVALS + interval] += 1.0;
+    let simple: Vec<Histogram> = points()
+        .map(|k: usize| {
+            let mut simple = Histogram([0.0; NUMBERS]);
+            for &other in &near[k] {
+                let Some(angles) = angles(cloud, k, other as usize) else { continue };
+                for (part, share) in angles.into_iter().enumerate() {
+                    let interval = ((share * INTERVALS as f64) as usize).min(INTERVALS - 1);
+                    simple.0[part * INTERVALS + interval] += 1.0;
+                }
             }
-        }
-        simple.normalized()
-    };
-    let simple: Vec<Histogram> = points().map(simple).collect();
+            simple.normalized()
+        })
+        .collect();
     // Equation 2: with those of the neighbors, the near ones most.
     let whole = |k: usize| {
         if cloud.rim[k] || near[k].len() < 8 {

@@ -21,11 +21,13 @@ fn project() -> PathBuf {
 /// A capture of the doll, and where its camera was.
 fn doll(folder: &str, file: &str) -> (RangeImage, Isometry3<f64>) {
     let folder = project().join("graphs/doll").join(folder);
-    let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
-    let camera = camera::read(&read("camera.json")).unwrap();
+    fn read(name: &str, folder: &Path) -> Vec<u8> {
+        std::fs::read(folder.join(name)).unwrap()
+    }
+    let camera = camera::read(&read("camera.json", &folder)).unwrap();
     let ending = file.rsplit('.').next().unwrap();
     let (range, _) =
-        read_range(&read(file), ending, Some(&camera), Unit::Mm, Axes::Camera).unwrap();
+        read_range(&read(file, &folder), ending, Some(&camera), Unit::Mm, Axes::Camera).unwrap();
     let pose = *range.world_from_camera().unwrap();
     let turn = UnitQuaternion::from_matrix(&pose.fixed_view::<3, 3>(0, 0).into());
     let shift = pose.fixed_view::<3, 1>(0, 3).into_owned();

@@ -22,14 +22,15 @@ pub(super) fn blob(turn: f64) -> Mesh {
         ([-0.2, 0.95, -0.2], 9.0, 0.3),
         ([0.1, -0.95, -0.1], -6.0, 0.2),
     ];
-    let radius = |way: &Vector3<f64>| {
-        let height = |(at, height, width): ([f64; 3], f64, f64)| {
-            let off = (way - Vector3::from(at).normalize()).norm_squared();
-            height * libm::exp(-off / (2.0 * width * width))
-        };
-        40.0 + bumps.map(height).iter().sum::<f64>()
-    };
-    ball(turn, radius)
+    ball(turn, |way| {
+        40.0 + bumps
+            .map(|(at, height, width): ([f64; 3], f64, f64)| {
+                let off = (way - Vector3::from(at).normalize()).norm_squared();
+                height * libm::exp(-off / (2.0 * width * width))
+            })
+            .iter()
+            .sum::<f64>()
+    })
 }
 
 /// A ball of 30 mm.
@@ -50,8 +51,10 @@ fn ball(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
         Point3::from(way * radius(&way))
     };
     let positions = (0..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
-    let positions = Vec::from_iter(positions.map(|(ring, k)| at(ring, k)));
-    let vertex = |ring: usize, k: usize| (ring * ROUND + k % ROUND) as u32;
+    let positions: Vec<_> = positions.map(|(ring, k)| at(ring, k)).collect();
+    fn vertex(ring: usize, k: usize) -> u32 {
+        (ring * ROUND + k % ROUND) as u32
+    }
     let quads = (1..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
     let faces = quads.flat_map(|(ring, k)| {
         let [a, b] = [k, k + 1].map(|k| vertex(ring - 1, k));
@@ -64,17 +67,23 @@ fn ball(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
 /// The faces that look towards this side.
 pub(super) fn seen_from(mesh: &Mesh, way: Vector3<f64>) -> Scan {
     let faces = (0..).zip(mesh.faces().iter());
-    let is_seen = |face: &[u32]| mesh.area_vector(face).normalize().dot(&way.normalize()) > 0.3;
-    let seen = faces.filter(|(_, face)| is_seen(face)).map(|(face, _)| face);
+    fn is_seen(face: &[u32], way: Vector3<f64>, mesh: &Mesh) -> bool {
+        mesh.area_vector(face).normalize().dot(&way.normalize()) > 0.3
+    }
+    let seen = faces.filter(|(_, face)| is_seen(face, way, mesh)).map(|(face, _)| face);
     Scan::Mesh(mesh.select(&Vec::from_iter(seen)))
 }
 
 /// A flat sheet of 60 mm.
 pub(super) fn sheet() -> Scan {
-    let at = |k: u32| Point3::new(f64::from(k % 61), f64::from(k / 61), 0.0);
     let quads = (0..3660).filter(|k| k % 61 != 60).map(|k| [k, k + 1, k + 62, k + 61]);
-    let corners = Vec::from_iter(quads.flatten());
-    let mesh = Mesh::new(Vec::from_iter((0..3721).map(at)), Faces::uniform(4, corners).unwrap());
+    let corners: Vec<_> = quads.flatten().collect();
+    let mesh = Mesh::new(
+        (0..3721)
+            .map(|k: u32| Point3::new(f64::from(k % 61), f64::from(k / 61), 0.0))
+            .collect::<Vec<_>>(),
+        Faces::uniform(4, corners).unwrap(),
+    );
     Scan::Mesh(mesh.unwrap())
 }
 

@@ -33,8 +33,11 @@ impl Banded {
     /// negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems" (1977). None if it is singular.
     pub fn factor(mut self) -> Option<Factors> {
         let width = 2 * self.half + 1;
-        let row_size = |row: &[f64]| row.iter().map(|x| x.abs()).fold(0.0, f64::max);
-        let sizes: Vec<f64> = self.entries.chunks(width).map(row_size).collect();
+        let sizes: Vec<f64> = self
+            .entries
+            .chunks(width)
+            .map(|row| row.iter().map(|x| x.abs()).fold(0.0, f64::max))
+            .collect();
         for (k, &size) in sizes.iter().enumerate() {
             let pivot = self.entries[self.at(k, k)];
             // A pivot that is NaN divides no better.
@@ -90,12 +93,14 @@ mod tests {
 
     #[test]
     fn a_solution_solves() {
-        let entry = |row: usize, column: usize| match row.abs_diff(column) {
-            0 => 4.0 + row as f64,
-            1 => -1.0,
-            2 => 0.5 * column as f64 / 9.0,
-            _ => 0.0,
-        };
+        fn entry(row: usize, column: usize) -> f64 {
+            match row.abs_diff(column) {
+                0 => 4.0 + row as f64,
+                1 => -1.0,
+                2 => 0.5 * column as f64 / 9.0,
+                _ => 0.0,
+            }
+        }
         let mut matrix = Banded::new(9, 2);
         for row in 0..9usize {
             for column in row.saturating_sub(2)..(row + 3).min(9) {

@@ -86,8 +86,10 @@ impl Cholesky {
         let tree = Tree::new(matrix, dissection, &place);
         let elimination = Elimination { matrix, order, place: &place, tree: &tree, progress };
         let (tasks, last) = tree.tasks(order.len());
-        let run = |groups: &Vec<u32>| elimination.run(groups, BTreeMap::new());
-        let done = tasks.par_iter().map(run).collect::<Result<Vec<_>, Cancelled>>()?;
+        let done = tasks
+            .par_iter()
+            .map(|groups| elimination.run(groups, BTreeMap::new()))
+            .collect::<Result<Vec<_>, Cancelled>>()?;
         let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
         let mut factors = Vec::with_capacity(tree.below.len());
         let mut left = BTreeMap::new();
@@ -396,11 +398,12 @@ mod tests {
     #[test]
     fn equations_that_no_level_divides_are_solved() {
         let count = 150;
-        let row = |k| (0..count).map(move |other| if other == k { 150.0 } else { -0.5 });
         let matrix = Symmetric {
             starts: (0..=count).map(|k| k * count).collect(),
             indices: (0..count * count).map(|k| k % count).collect(),
-            entries: (0..count).flat_map(row).collect(),
+            entries: (0..count)
+                .flat_map(|k| (0..count).map(move |other| if other == k { 150.0 } else { -0.5 }))
+                .collect(),
         };
         let mut x = vec![[150.0 - 0.5 * 149.0; 3]; count as usize];
         Cholesky::new(&matrix).unwrap().solve(&mut x);
@@ -410,13 +413,13 @@ mod tests {
     #[test]
     fn any_number_of_threads_finds_the_same_factors() {
         let matrix = grid(60, 50, 0.01);
-        let solved = |threads: usize| {
+        fn solved(threads: usize, matrix: &Symmetric) -> Vec<[f64; 3]> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut x = vec![[1.0, 2.0, 3.0]; 3000];
-            pool.install(|| Cholesky::new(&matrix).unwrap().solve(&mut x));
+            pool.install(|| Cholesky::new(matrix).unwrap().solve(&mut x));
             x
-        };
-        assert_eq!(solved(1), solved(3));
+        }
+        assert_eq!(solved(1, &matrix), solved(3, &matrix));
     }
 
     #[test]

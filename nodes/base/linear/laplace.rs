@@ -76,7 +76,7 @@ struct System {
 
 impl System {
     fn new(width: usize, height: usize, free: &[u8], load: f64, values: &[f64]) -> Self {
-        let around = |cell: usize| {
+        fn around(cell: usize, width: usize, height: usize) -> [Option<usize>; 4] {
             let (row, column) = (cell / width, cell % width);
             [
                 (row > 0).then(|| cell - width),
@@ -84,13 +84,13 @@ impl System {
                 (column + 1 < width).then(|| cell + 1),
                 (row + 1 < height).then(|| cell + width),
             ]
-        };
+        }
         let known = |cell: usize| free[cell] == 0 && !values[cell].is_nan();
         // Unknowns, reached from the known cells.
         let mut reached: Vec<bool> = (0..free.len()).map(known).collect();
         let mut stack: Vec<usize> = (0..free.len()).filter(|&cell| reached[cell]).collect();
         while let Some(cell) = stack.pop() {
-            for next in around(cell).into_iter().flatten() {
+            for next in around(cell, width, height).into_iter().flatten() {
                 if free[next] == 1 && !reached[next] {
                     reached[next] = true;
                     stack.push(next);
@@ -109,7 +109,7 @@ impl System {
         };
         for &cell in &cells {
             let (mut diagonal, mut right) = (0.0, load);
-            for next in around(cell).into_iter().flatten() {
+            for next in around(cell, width, height).into_iter().flatten() {
                 if known(next) {
                     right += values[next];
                 }
@@ -119,7 +119,9 @@ impl System {
             }
             system.diagonal.push(diagonal);
             system.right.push(right);
-            system.neighbors.push(around(cell).map(|next| next.map_or(NONE, |next| unknown[next])));
+            system.neighbors.push(
+                around(cell, width, height).map(|next| next.map_or(NONE, |next| unknown[next])),
+            );
         }
         Self { cells, ..system }
     }
@@ -153,7 +155,9 @@ impl System {
         progress: &Progress<'_>,
     ) -> Result<Vec<f64>, Unsolved> {
         let n = self.cells.len();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        fn dot(a: &[f64], b: &[f64]) -> f64 {
+            a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
+        }
         let mut x = vec![0.0; n];
         let mut r = self.right.clone();
         let mut z = precondition(&r);
@@ -212,11 +216,12 @@ mod tests {
     fn coarser_grids_change_nothing_but_the_number_of_steps() {
         // A disk with a known cell and one that is left out inside of it.
         let (width, height) = (73, 70);
-        let free = |cell: usize| {
+        fn free(cell: usize, width: usize) -> bool {
             let [x, y] = [cell % width, cell / width].map(|k| k as f64 - 35.0);
             x * x + y * y < 900.0
-        };
-        let mut free = Vec::from_iter((0..width * height).map(|cell| u8::from(free(cell))));
+        }
+        let mut free: Vec<_> =
+            (0..width * height).map(|cell| u8::from(free(cell, width))).collect();
         let mut values = vec![0.0; width * height];
         for (cell, value) in [(width * 30 + 30, 7.0), (width * 40 + 20, f64::NAN)] {
             (free[cell], values[cell]) = (0, value);
@@ -224,17 +229,27 @@ mod tests {
         let system = System::new(width, height, &free, 1.0, &values);
         let coarser = system.coarser(width).unwrap();
         let steps = [Cell::new(0), Cell::new(0)];
-        let counted = |which: usize| steps[which].set(steps[which].get() + 1);
-        let plain = |r: &[f64]| {
-            counted(0);
-            system.by_diagonal(r)
-        };
-        let helped = |r: &[f64]| {
-            counted(1);
-            coarser.solve(r)
-        };
-        let plain = system.solve(plain, &Progress::none()).unwrap();
-        let helped = system.solve(helped, &Progress::none()).unwrap();
+        fn counted(which: usize, steps: &[Cell<i32>; 2]) {
+            steps[which].set(steps[which].get() + 1)
+        }
+        let plain = system
+            .solve(
+                |r| {
+                    counted(0, &steps);
+                    system.by_diagonal(r)
+                },
+                &Progress::none(),
+            )
+            .unwrap();
+        let helped = system
+            .solve(
+                |r| {
+                    counted(1, &steps);
+                    coarser.solve(r)
+                },
+                &Progress::none(),
+            )
+            .unwrap();
         assert!(plain.len() > 2700);
         assert!(plain.iter().zip(helped).all(|(a, b)| (a - b).abs() < 1e-8 * a.abs()));
         let [plain, helped] = steps.each_ref().map(Cell::get);
@@ -245,20 +260,26 @@ mod tests {
     fn a_large_disk_is_a_paraboloid_soon() {
         let size = 401;
         let center = (size / 2) as f64;
-        let from_center = |cell: usize| {
+        fn from_center(cell: usize, size: usize, center: f64) -> f64 {
             let [x, y] = [cell % size, cell / size].map(|k| k as f64 - center);
             x * x + y * y
-        };
+        }
         let cells = 0..size * size;
-        let free =
-            Vec::from_iter(cells.clone().map(|it| u8::from(from_center(it) < 190.0 * 190.0)));
+        let free = cells
+            .clone()
+            .map(|it| u8::from(from_center(it, size, center) < 190.0 * 190.0))
+            .collect::<Vec<_>>();
         assert!(free.iter().filter(|&&free| free == 1).count() > MANY);
         let mut values = vec![0.0; size * size];
         solve(size, size, &free, 1.0, &mut values, &Progress::none()).unwrap();
         // Its rim is a staircase, within a cell of the circle.
-        let expected = |cell: usize| (190.0 * 190.0 - from_center(cell)) / 4.0;
-        let off = |cell: usize| (values[cell] - expected(cell)).abs();
-        let worst = cells.filter(|&cell| free[cell] == 1).map(off).fold(0.0, f64::max);
+        fn expected(cell: usize, size: usize, center: f64) -> f64 {
+            (190.0 * 190.0 - from_center(cell, size, center)) / 4.0
+        }
+        let worst = cells
+            .filter(|&cell| free[cell] == 1)
+            .map(|cell: usize| (values[cell] - expected(cell, size, center)).abs())
+            .fold(0.0, f64::max);
         assert!(worst < 190.0 / 2.0, "{worst}");
     }
 

@@ -34,10 +34,17 @@ impl Lu {
         let mut rows: Vec<u32> = (0..size as u32).collect();
         let mut regular = true;
         for step in 0..size {
-            let entry = |row: usize| factors[row * size + step].abs();
+            fn entry(row: usize, factors: &[f64], size: usize, step: usize) -> f64 {
+                factors[row * size + step].abs()
+            }
             // The first of the largest; NaN never is.
-            let pivot = (step..size)
-                .fold(step, |best, row| if entry(row) > entry(best) { row } else { best });
+            let pivot = (step..size).fold(step, |best, row| {
+                if entry(row, &factors, size, step) > entry(best, &factors, size, step) {
+                    row
+                } else {
+                    best
+                }
+            });
             rows.swap(step, pivot);
             let (upper, lower) = factors.split_at_mut((step + 1) * size);
             if pivot != step {
@@ -124,7 +131,9 @@ impl Lu {
 
     fn norm_of_inverse(&self) -> f64 {
         let n = self.size as f64;
-        let length = |x: &[f64]| x.iter().map(|x| x.abs()).sum::<f64>();
+        fn length(x: &[f64]) -> f64 {
+            x.iter().map(|x| x.abs()).sum::<f64>()
+        }
         let mut x = vec![1.0 / n; self.size];
         let mut estimate = 0.0_f64;
         for step in 0..ESTIMATES {
@@ -140,11 +149,14 @@ impl Lu {
             x.fill(0.0);
             x.iter_mut().skip(best).take(1).for_each(|x| *x = 1.0);
         }
-        let other = |k: usize| {
-            let size = 1.0 + k as f64 / (n - 1.0).max(1.0);
-            if k.is_multiple_of(2) { size } else { -size }
-        };
-        let other = self.eliminate(&Vec::from_iter((0..self.size).map(other)));
+        let other = self.eliminate(
+            &(0..self.size)
+                .map(|k: usize| {
+                    let size = 1.0 + k as f64 / (n - 1.0).max(1.0);
+                    if k.is_multiple_of(2) { size } else { -size }
+                })
+                .collect::<Vec<_>>(),
+        );
         estimate.max(2.0 * length(&other) / (3.0 * n))
     }
 }
@@ -217,9 +229,9 @@ mod tests {
             let matrix: Vec<f64> = (0..n * n).map(number).collect();
             let lu = Lu::new(n, matrix.clone());
             let inverse = nalgebra::DMatrix::from_row_slice(n, n, &matrix).try_inverse().unwrap();
-            let norm = |m: &nalgebra::DMatrix<f64>| {
+            fn norm(m: &nalgebra::DMatrix<f64>) -> f64 {
                 m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max)
-            };
+            }
             let exact = norm(&inverse) * norm(&nalgebra::DMatrix::from_row_slice(n, n, &matrix));
             let share = lu.condition() / exact;
             assert!((0.33..=1.000_001).contains(&share), "{n}: {share}");

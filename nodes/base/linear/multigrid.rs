@@ -37,13 +37,14 @@ impl Grid {
     /// What is left of `right` with these values.
     fn residual(&self, right: &[f64], x: &[f64]) -> Vec<f64> {
         let numbers = (0..right.len()).into_par_iter().with_min_len(BLOCK);
-        let of = |index: usize| {
-            let near = self.neighbors[index].iter().zip(&self.weights[index]);
-            let near = near.filter(|(next, _)| **next != NONE);
-            let near: f64 = near.map(|(&next, weight)| weight * x[next as usize]).sum();
-            right[index] - (self.diagonal[index] * x[index] - near)
-        };
-        numbers.map(of).collect()
+        numbers
+            .map(|index: usize| {
+                let near = self.neighbors[index].iter().zip(&self.weights[index]);
+                let near = near.filter(|(next, _)| **next != NONE);
+                let near: f64 = near.map(|(&next, weight)| weight * x[next as usize]).sum();
+                right[index] - (self.diagonal[index] * x[index] - near)
+            })
+            .collect()
     }
 
     /// A damped step of Jacobi's iteration.
@@ -56,13 +57,16 @@ impl Grid {
     /// The grid of half as many rows and columns, and the cell there of each one here.
     fn coarser(&self) -> (Self, Vec<u32>) {
         let width = self.width.div_ceil(2);
-        let cell = |&cell: &usize| cell / self.width / 2 * width + cell % self.width / 2;
+        fn cell(&cell: &usize, width: usize, self_width: usize) -> usize {
+            cell / self_width / 2 * width + cell % self_width / 2
+        }
         let rows = self.cells.last().map_or(0, |cell| cell / self.width / 2 + 1);
         let mut index = vec![NONE; rows * width];
-        self.cells.iter().for_each(|it| index[cell(it)] = 0);
-        let cells = Vec::from_iter((0..index.len()).filter(|&cell| index[cell] == 0));
+        self.cells.iter().for_each(|it| index[cell(it, width, self.width)] = 0);
+        let cells: Vec<_> = (0..index.len()).filter(|&cell| index[cell] == 0).collect();
         (0..).zip(&cells).for_each(|(number, &cell)| index[cell] = number);
-        let parents = Vec::from_iter(self.cells.iter().map(|it| index[cell(it)]));
+        let parents: Vec<_> =
+            self.cells.iter().map(|it| index[cell(it, width, self.width)]).collect();
         let mut coarse = Self {
             width,
             neighbors: vec![[NONE; 4]; cells.len()],
@@ -136,12 +140,12 @@ impl Multigrid {
 
     fn solve_on(&self, level: usize, right: &[f64]) -> Vec<f64> {
         let Some(Level { grid, parents, n_parents }) = self.levels.get(level) else {
-            let mut sides = Vec::from_iter(right.iter().map(|&right| [right, 0.0, 0.0]));
+            let mut sides: Vec<_> = right.iter().map(|&right| [right, 0.0, 0.0]).collect();
             self.last.solve(&mut sides);
             return sides.into_iter().map(|[x, ..]| x).collect();
         };
         let first = right.iter().zip(&grid.diagonal);
-        let mut x = Vec::from_iter(first.map(|(right, diagonal)| DAMPING * right / diagonal));
+        let mut x: Vec<_> = first.map(|(right, diagonal)| DAMPING * right / diagonal).collect();
         grid.smooth(right, &mut x);
         let mut sums = vec![0.0; *n_parents];
         let residual = grid.residual(right, &x);

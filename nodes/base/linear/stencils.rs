@@ -79,10 +79,12 @@ impl Stencils {
                 (ends.collect(), rows)
             })
             .collect();
-        let total = |len: fn(&Rows) -> usize| blocks.iter().map(|(_, rows)| len(rows)).sum();
+        fn total(len: fn(&Rows) -> usize, blocks: &[(Vec<u32>, Rows)]) -> usize {
+            blocks.iter().map(|(_, rows)| len(rows)).sum()
+        }
         let mut groups = Vec::with_capacity(items + 1);
-        let mut starts = Vec::with_capacity(total(|rows| rows.ends.len()) + 1);
-        let mut indices = Vec::with_capacity(total(|rows| rows.indices.len()));
+        let mut starts = Vec::with_capacity(total(|rows| rows.ends.len(), &blocks) + 1);
+        let mut indices = Vec::with_capacity(total(|rows| rows.indices.len(), &blocks));
         let mut weights = Vec::with_capacity(indices.capacity());
         groups.push(0);
         starts.push(0);

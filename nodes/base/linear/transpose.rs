@@ -7,14 +7,13 @@ use crate::topology::lists::Lists;
 impl Stencils {
     /// The same matrix with rows and columns exchanged; it has this many columns.
     pub fn transposed(&self, columns: usize) -> Self {
-        let all = || {
+        let entries = Lists::group(columns, || {
             (0..self.len()).flat_map(|row| {
                 let (indices, weights) = self.row(row);
                 let entries = indices.iter().zip(weights);
                 entries.map(move |(&column, &weight)| (column, (row as u32, weight)))
             })
-        };
-        let entries = Lists::group(columns, all);
+        });
         let (transposed, _) = Self::build(columns, |_: &mut (), column, rows| {
             let own = entries.of(column);
             own.iter().for_each(|&(row, weight)| rows.push(row, weight));

@@ -87,19 +87,22 @@ impl<'a> Original<'a> {
             places.push(net.places[vertex]);
         }
         let triangles = (0..net.from.len() as u32 / 3).filter_map(|index| net.triangle(index));
-        let triangles = Vec::from_iter(triangles.map(|it| it.map(|vertex| names[vertex as usize])));
-        let middle = |&[a, b, c]: &[u32; 3]| {
-            let [a, b, c] = [a, b, c].map(|vertex| places[vertex as usize].coords);
-            Point3::from((a + b + c) / 3.0)
-        };
-        let middles = Vec::from_iter(triangles.iter().map(middle));
+        let triangles: Vec<_> =
+            triangles.map(|it| it.map(|vertex| names[vertex as usize])).collect();
+        let middles: Vec<_> = triangles
+            .iter()
+            .map(|&[a, b, c]| {
+                let [a, b, c] = [a, b, c].map(|vertex| places[vertex as usize].coords);
+                Point3::from((a + b + c) / 3.0)
+            })
+            .collect();
         let creases = net.edges().filter_map(|h| {
             let sharpness = net.features[h as usize].filter(|sharpness| *sharpness > 0.0)?;
             Some(([net.from(h), net.to(h)].map(|vertex| names[vertex as usize]), sharpness))
         });
         let creases = Vec::from_iter(creases);
         let of_vertices = AtPlaces { mesh, found: self.nearest(&places) };
-        let of_faces = Vec::from_iter(self.nearest(&middles).iter().map(|place| place.face));
+        let of_faces: Vec<_> = self.nearest(&middles).iter().map(|place| place.face).collect();
         let mut even = Mesh::new(places, Faces::triangles(triangles))?
             .with_creases(creases)?
             .with_materials(mesh.materials().clone())
@@ -135,15 +138,18 @@ struct AtPlaces<'a> {
 impl Carry for AtPlaces<'_> {
     fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
         let corners = self.mesh.faces().corners();
-        let mixed = |place: &NearestPlace| {
-            let vertices = place.corners.map(|corner| corners[corner as usize]);
-            let parts = [0, 1, 2].map(|k| (place.shares[k], old[vertices[k] as usize]));
-            // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
-            let mut parts = Vec::from_iter(parts.into_iter().filter(|(share, _)| *share > 0.0));
-            parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-            T::mix(parts.into_iter())
-        };
-        self.found.iter().map(mixed).collect()
+        self.found
+            .iter()
+            .map(|place| {
+                let vertices = place.corners.map(|corner| corners[corner as usize]);
+                let parts = [0, 1, 2].map(|k| (place.shares[k], old[vertices[k] as usize]));
+                // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
+                let mut parts: Vec<_> =
+                    parts.into_iter().filter(|(share, _)| *share > 0.0).collect();
+                parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+                T::mix(parts.into_iter())
+            })
+            .collect()
     }
 }
 
@@ -156,7 +162,7 @@ fn on(mesh: &Mesh, place: &NearestPlace) -> (Point3<f64>, Vector3<f64>) {
 
 /// Borders, creases, and edges whose faces meet at more than `angle` degrees, unless these are short in all.
 fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mut Net) {
-    let given = Vec::from_iter(mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0));
+    let given: Vec<_> = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).collect();
     let cosine = libm::cos(angle.to_radians());
     let mut bent = Vec::new();
     for h in Vec::from_iter(net.edges()) {
@@ -287,7 +293,7 @@ fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
     if places.is_empty() {
         return Ok(None);
     }
-    let corners = Vec::from_iter(0..places.len() as u32);
+    let corners: Vec<_> = (0..places.len() as u32).collect();
     let curves = Mesh::new(places, Faces::uniform(3, corners)?)?;
     let tree = TriangleTree::new(&curves);
     Ok(Some((curves, tree)))

@@ -36,19 +36,21 @@ fn check(before: &Mesh, after: &Mesh) {
 
 fn lengths(mesh: &Mesh) -> Vec<f64> {
     let ends = mesh.edges().vertices;
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    ends.iter().map(|&[a, b]| (place(b) - place(a)).norm()).collect()
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    ends.iter().map(|&[a, b]| (place(b, mesh) - place(a, mesh)).norm()).collect()
 }
 
 /// The smallest angle of each triangle, in degrees: the mean, and the least.
 fn angles(mesh: &Mesh) -> (f64, f64) {
     let least = mesh.faces().iter().map(|face| {
         let p = [0, 1, 2].map(|k| mesh.positions()[face[k] as usize]);
-        let angle = |k: usize| {
+        fn angle(k: usize, p: &[Point3<f64>; 3]) -> f64 {
             let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
             libm::atan2(a.cross(&b).norm(), a.dot(&b)).to_degrees()
-        };
-        angle(0).min(angle(1)).min(angle(2))
+        }
+        angle(0, &p).min(angle(1, &p)).min(angle(2, &p))
     });
     let least = Vec::from_iter(least);
     let mean = least.iter().sum::<f64>() / least.len() as f64;
@@ -60,7 +62,9 @@ fn a_cube_keeps_its_corners_its_edges_and_its_sides() {
     for length in [0.7, 2.0, 4.0, 30.0] {
         let even = even(&cube(), length);
         assert!((area(&even) - 600.0).abs() < 1e-9, "{length}: {}", area(&even));
-        let on = |p: &Point3<f64>| p.iter().filter(|x| (x.abs() - 5.0).abs() < 1e-12).count();
+        fn on(p: &Point3<f64>) -> usize {
+            p.iter().filter(|x| (x.abs() - 5.0).abs() < 1e-12).count()
+        }
         let corners = even.positions().iter().filter(|p| on(p) == 3).count();
         assert_eq!(corners, 8);
         assert!(even.positions().iter().all(|p| on(p) >= 1));
@@ -121,18 +125,19 @@ fn creases_keep_their_sharpness_and_attributes_their_places() {
     let given = given.with_face("side", Attribute::Index(side)).unwrap();
     let given = given.with_corner("gone", Attribute::Number(corners)).unwrap();
     let even = even(&given, 0.7);
-    let at = |vertex: u32| even.positions()[vertex as usize];
-    assert!(
-        even.creases()
-            .all(|([a, b], s)| s == 2.5 && [a, b].iter().all(|&v| (at(v).x - 5.0).abs() < 1e-12))
-    );
-    let length: f64 = even.creases().map(|([a, b], _)| (at(b) - at(a)).norm()).sum();
+    fn at(vertex: u32, even: &Mesh) -> Point3<f64> {
+        even.positions()[vertex as usize]
+    }
+    assert!(even.creases().all(
+        |([a, b], s)| s == 2.5 && [a, b].iter().all(|&v| (at(v, &even).x - 5.0).abs() < 1e-12)
+    ));
+    let length: f64 = even.creases().map(|([a, b], _)| (at(b, &even) - at(a, &even)).norm()).sum();
     assert!((length - 10.0).abs() < 1e-9);
     let Some(Attribute::Number(x)) = even.vertex().get("x") else { panic!("x") };
     assert!(even.positions().iter().zip(x.iter()).all(|(p, x)| (p.x - x).abs() < 1e-9));
     let Some(Attribute::Index(side)) = even.face().get("side") else { panic!("side") };
     for (face, &side) in even.faces().iter().zip(side.iter()) {
-        let middle = face.iter().map(|&v| at(v).x).sum::<f64>() / 3.0;
+        let middle = face.iter().map(|&v| at(v, &even).x).sum::<f64>() / 3.0;
         assert_eq!(side, u32::from(middle > 5.0));
     }
     assert!(even.corner().get("gone").is_none());
@@ -140,7 +145,9 @@ fn creases_keep_their_sharpness_and_attributes_their_places() {
 
 #[test]
 fn what_is_no_surface_is_refused_and_what_is_nothing_stays() {
-    let run = |mesh: &Mesh, length, angle| remesh(mesh, length, angle, &Progress::none());
+    fn run(mesh: &Mesh, length: f64, angle: f64) -> Result<Mesh, RemeshError> {
+        remesh(mesh, length, angle, &Progress::none())
+    }
     let places = Vec::from(
         [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]].map(Point3::from),
     );
@@ -177,7 +184,9 @@ fn what_is_no_surface_is_refused_and_what_is_nothing_stays() {
 
 #[test]
 fn a_vertex_that_joins_two_fans_becomes_two() {
-    let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+    fn at(x: f64, y: f64) -> Point3<f64> {
+        Point3::new(x, y, 0.0)
+    }
     let places = vec![at(0., 0.), at(5., -3.), at(5., 3.), at(-5., 3.), at(-5., -3.)];
     let bow = Mesh::new(places, Faces::triangles(vec![[0, 1, 2], [0, 3, 4]])).unwrap();
     let even = remesh(&bow, 1.0, 40.0, &Progress::none()).unwrap();
@@ -189,12 +198,12 @@ fn a_vertex_that_joins_two_fans_becomes_two() {
 #[test]
 fn the_bytes_are_the_same_for_any_number_of_threads() {
     let wave = sheet(30, |x, y| libm::sin(x) * libm::cos(0.7 * y));
-    let run = |threads| {
+    fn run(threads: usize, wave: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| even(&wave, 0.25))
-    };
-    let one = run(1);
-    assert!([2, 3, 8].iter().all(|&threads| run(threads) == one));
+        pool.install(|| even(wave, 0.25))
+    }
+    let one = run(1, &wave);
+    assert!([2, 3, 8].iter().all(|&threads| run(threads, &wave) == one));
 }
 
 #[test]

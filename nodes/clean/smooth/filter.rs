@@ -64,7 +64,7 @@ impl Filter {
     ) -> Result<(), FilterError> {
         let system = System::new(self, is_free, length);
         // What must be added to the places: zero where they are not free.
-        let before = Vec::from_iter(places.iter().map(|place| place.coords));
+        let before: Vec<_> = places.iter().map(|place| place.coords).collect();
         let mut residual = system.bend(&before);
         residual.par_iter_mut().with_min_len(4096).for_each(|x| *x = -*x);
         let (mut x, first) =
@@ -72,16 +72,16 @@ impl Filter {
         if first.amax() == 0.0 {
             return Ok(());
         }
-        let conditioned = |r: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
-            let all = r.par_iter().zip(&system.over_diagonal).with_min_len(4096);
+        fn conditioned(r: &[Vector3<f64>], system_over_diagonal: &[f64]) -> Vec<Vector3<f64>> {
+            let all = r.par_iter().zip(system_over_diagonal).with_min_len(4096);
             all.map(|(r, over)| r * *over).collect()
-        };
-        let mut z = conditioned(&residual);
+        }
+        let mut z = conditioned(&residual, &system.over_diagonal);
         let mut p = z.clone();
         let mut rz = system.dot(&residual, &z);
-        let ratio = |a: Vector3<f64>, b: Vector3<f64>| {
+        fn ratio(a: Vector3<f64>, b: Vector3<f64>) -> Vector3<f64> {
             a.zip_map(&b, |a, b| if b > 0.0 { a / b } else { 0.0 })
-        };
+        }
         for step in 0..MOST_STEPS {
             // How many there will be is not known.
             progress.tick(step as f64 / (step as f64 + 50.0))?;
@@ -94,7 +94,7 @@ impl Filter {
                 places.iter_mut().zip(&x).for_each(|(place, x)| *place += x);
                 return Ok(());
             }
-            z = conditioned(&residual);
+            z = conditioned(&residual, &system.over_diagonal);
             let next = system.dot(&residual, &z);
             let share = ratio(next, rz);
             rz = next;
@@ -129,16 +129,18 @@ impl System {
         // Those of one edge stay in their order, for the sum.
         edges.sort_by_key(|(ends, _)| *ends);
         let same = edges.chunk_by(|a, b| a.0 == b.0);
-        let edges = Vec::from_iter(
-            same.map(|same| (same[0].0, same.iter().map(|(_, weight)| weight).sum::<f64>())),
-        );
+        let edges: Vec<_> = same
+            .map(|same| (same[0].0, same.iter().map(|(_, weight)| weight).sum::<f64>()))
+            .collect();
         let both =
             || edges.iter().flat_map(|&([a, b], weight)| [(a, (b, weight)), (b, (a, weight))]);
         let rows = Lists::group(filter.masses.len(), both);
         let diagonal =
             (0..rows.len()).map(|row| rows.of(row).iter().map(|(_, weight)| weight).sum());
         let diagonal: Vec<f64> = diagonal.collect();
-        let over = |x: f64| if x > 0.0 { 1.0 / x } else { 0.0 };
+        fn over(x: f64) -> f64 {
+            if x > 0.0 { 1.0 / x } else { 0.0 }
+        }
         let over_mass = filter
             .masses
             .iter()
@@ -147,25 +149,33 @@ impl System {
         let over_mass = Vec::from_iter(over_mass);
         let unit = length / std::f64::consts::TAU;
         let strength = unit * unit * unit * unit;
-        let of_row = |row: usize| {
-            let others = rows
-                .of(row)
-                .iter()
-                .map(|&(other, weight)| weight * weight * over_mass[other as usize]);
-            let bends = diagonal[row] * diagonal[row] * over_mass[row] + others.sum::<f64>();
-            if over_mass[row] > 0.0 { over(filter.masses[row] + strength * bends) } else { 0.0 }
-        };
-        let over_diagonal = (0..rows.len()).map(of_row).collect();
+        let over_diagonal = (0..rows.len())
+            .map(|row: usize| {
+                let others = rows
+                    .of(row)
+                    .iter()
+                    .map(|&(other, weight)| weight * weight * over_mass[other as usize]);
+                let bends = diagonal[row] * diagonal[row] * over_mass[row] + others.sum::<f64>();
+                if over_mass[row] > 0.0 { over(filter.masses[row] + strength * bends) } else { 0.0 }
+            })
+            .collect();
         Self { rows, diagonal, masses: filter.masses.clone(), over_mass, over_diagonal, strength }
     }
 
     fn laplacian(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        let row = |row: usize| {
-            let sum: Vector3<f64> =
-                self.rows.of(row).iter().map(|&(other, weight)| x[other as usize] * weight).sum();
-            x[row] * self.diagonal[row] - sum
-        };
-        (0..x.len()).into_par_iter().with_min_len(1024).map(row).collect()
+        (0..x.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|row: usize| {
+                let sum: Vector3<f64> = self
+                    .rows
+                    .of(row)
+                    .iter()
+                    .map(|&(other, weight)| x[other as usize] * weight)
+                    .sum();
+                x[row] * self.diagonal[row] - sum
+            })
+            .collect()
     }
 
     /// `c K M^-1 K x`, 0 where nothing is to be solved.

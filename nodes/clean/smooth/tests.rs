@@ -63,8 +63,11 @@ fn waves_keep_the_part_that_is_said() {
         let wide = sheet.positions().iter().map(|p| Point3::new(4.0 * p.x, 4.0 * p.y, p.z));
         let wide = sheet.with_positions(wide.collect()).unwrap();
         let smooth = smoothed(&wide, 5.0, true);
-        let middle = |p: &Point3<f64>| (p.x - 20.0).abs() < 1e-9 && (p.y - 20.0).abs() < 1e-9;
-        let at = wide.positions().iter().position(middle).unwrap();
+        let at = wide
+            .positions()
+            .iter()
+            .position(|p| (p.x - 20.0).abs() < 1e-9 && (p.y - 20.0).abs() < 1e-9)
+            .unwrap();
         let found = smooth.positions()[at].z / wide.positions()[at].z;
         assert!((found - kept).abs() < 0.03, "{wave}: {found} {kept}");
     }
@@ -74,12 +77,19 @@ fn waves_keep_the_part_that_is_said() {
 fn borders_and_creases_stay_or_are_smoothed_along_themselves() {
     let cube = fine_cube(20);
     let edges = cube.edges().vertices;
-    let is_side = |p: &Point3<f64>, axis: usize| (p[axis].abs() - 5.0).abs() < 1e-9;
-    let at = |vertex: u32| cube.positions()[vertex as usize];
-    let is_sharp = |ends: &&[u32; 2]| {
-        (0..3).filter(|&axis| ends.iter().all(|&end| is_side(&at(end), axis))).count() == 2
-    };
-    let sharp = edges.iter().filter(is_sharp).map(|&ends| (ends, 10.0));
+    fn is_side(p: &Point3<f64>, axis: usize) -> bool {
+        (p[axis].abs() - 5.0).abs() < 1e-9
+    }
+    fn at(vertex: u32, cube: &Mesh) -> Point3<f64> {
+        cube.positions()[vertex as usize]
+    }
+    let sharp = edges
+        .iter()
+        .filter(|ends| {
+            (0..3).filter(|&axis| ends.iter().all(|&end| is_side(&at(end, &cube), axis))).count()
+                == 2
+        })
+        .map(|&ends| (ends, 10.0));
     let sharp = cube.clone().with_creases(Vec::from_iter(sharp)).unwrap();
     for keep_borders in [true, false] {
         let smooth = smoothed(&sharp, 2.0, keep_borders);
@@ -93,17 +103,19 @@ fn borders_and_creases_stay_or_are_smoothed_along_themselves() {
     let shaken = flat.positions().iter().map(|p| p + Vector3::x() * (0.05 * noise(&mut random)));
     let shaken = flat.with_positions(shaken.collect()).unwrap();
     // Away from the corners, which become round.
-    let rough = |mesh: &Mesh| {
+    fn rough(mesh: &Mesh) -> f64 {
         let left = mesh.positions().iter().step_by(41).skip(10).take(21).map(|p| p.x * p.x);
         (left.sum::<f64>() / 21.0).sqrt()
-    };
+    }
     assert_eq!(rough(&smoothed(&shaken, 3.0, true)), rough(&shaken));
     assert!(rough(&smoothed(&shaken, 3.0, false)) < rough(&shaken) / 2.0);
 }
 
 #[test]
 fn odd_meshes_stay_sound() {
-    let run = |mesh: &Mesh, length| smooth(mesh, length, false, &Progress::none());
+    fn run(mesh: &Mesh, length: f64) -> Result<Mesh, SmoothError> {
+        smooth(mesh, length, false, &Progress::none())
+    }
     let places = Vec::from(
         [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]].map(Point3::from),
     );
@@ -124,10 +136,10 @@ fn odd_meshes_stay_sound() {
 #[test]
 fn the_bytes_are_the_same_for_any_number_of_threads() {
     let wave = sheet(120, |x, y| libm::sin(9.0 * x) * libm::cos(7.0 * y));
-    let run = |threads| {
+    fn run(threads: usize, wave: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| smoothed(&wave, 0.5, false))
-    };
-    let one = run(1);
-    assert!([2, 3, 8].iter().all(|&threads| run(threads) == one));
+        pool.install(|| smoothed(wave, 0.5, false))
+    }
+    let one = run(1, &wave);
+    assert!([2, 3, 8].iter().all(|&threads| run(threads, &wave) == one));
 }

@@ -72,7 +72,7 @@ impl Camera {
         let eigen = squares
             .try_symmetric_eigen(f64::EPSILON, 10_000)
             .ok_or("their equations have no solution")?;
-        let mut order = Vec::from_iter(0..12);
+        let mut order: Vec<_> = (0..12).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
         if eigen.eigenvalues[order[1]] < NOTHING * eigen.eigenvalues[order[11]] {
             return Err("all vertices lie in a plane".into());
@@ -97,8 +97,15 @@ impl Camera {
 
     fn of(matrix: Matrix3x4<f64>) -> Self {
         // What the matrix makes nothing of: the determinants without each column in turn.
-        let without = |k: usize| matrix.remove_column(k).determinant();
-        let center = Vector4::new(without(0), -without(1), without(2), -without(3));
+        fn without(k: usize, matrix: &Matrix3x4<f64>) -> f64 {
+            matrix.remove_column(k).determinant()
+        }
+        let center = Vector4::new(
+            without(0, &matrix),
+            -without(1, &matrix),
+            without(2, &matrix),
+            -without(3, &matrix),
+        );
         Self { matrix, center: center / center.amax() }
     }
 

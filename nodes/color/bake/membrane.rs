@@ -47,8 +47,9 @@ impl Membrane {
                 areas[triangle[own] as usize] += twice / 6.0;
             }
         }
-        let both = || pulls.iter().flat_map(|&([a, b], pull)| [(a, (b, pull)), (b, (a, pull))]);
-        let lists = Lists::group(count, both);
+        let lists = Lists::group(count, || {
+            pulls.iter().flat_map(|&([a, b], pull)| [(a, (b, pull)), (b, (a, pull))])
+        });
         let links = (0..count).map(|own| {
             let mut row = lists.of(own).to_vec();
             row.sort_by_key(|it| it.0);
@@ -84,9 +85,8 @@ impl Membrane {
         let order =
             Dissection::new(Links { starts: &matrix.starts, neighbors: &matrix.indices }, 1);
         let Some(factors) = Cholesky::ordered(&matrix, &order, progress)? else { return Ok(None) };
-        let mut right = Vec::from_iter(
-            values.iter().zip(&own).map(|(value, spring)| value.map(|x| x * spring)),
-        );
+        let mut right: Vec<_> =
+            values.iter().zip(&own).map(|(value, spring)| value.map(|x| x * spring)).collect();
         factors.solve(&mut right);
         Ok(Some(right))
     }

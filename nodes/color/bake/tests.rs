@@ -12,7 +12,9 @@ const RADIUS: f64 = 20.0;
 
 /// The light of the ball's paint at a place in the world.
 fn paint(place: Point3<f64>) -> [f64; 3] {
-    let wave = |x: f64| 0.25 + 0.15 * libm::sin(x / 4.0);
+    fn wave(x: f64) -> f64 {
+        0.25 + 0.15 * libm::sin(x / 4.0)
+    }
     [wave(place.x), wave(place.y + 3.0), wave(place.z - 5.0)]
 }
 
@@ -41,36 +43,42 @@ fn shot(degrees: f64, exposure: [f64; 3], slope: f64) -> Mesh {
         * Translation3::new(0.0, 0.0, -150.0);
     let (size, cells) = ([160_usize; 2], 80_u32);
     let pinhole = Pinhole { focal: [480.0; 2], center: [79.5; 2] };
-    let hit = |pixel: [f64; 2]| {
+    fn hit(pixel: [f64; 2], pinhole: &Pinhole) -> Option<Point3<f64>> {
         let ray = pinhole.unproject(pixel, 1.0).coords.normalize();
         let center = Vector3::new(0.0, 0.0, 150.0);
         let along = ray.dot(&center);
         let below = along * along - center.norm_squared() + RADIUS * RADIUS;
         (below > 0.0).then(|| Point3::from(ray * (along - below.sqrt())))
-    };
-    let color = |k: usize| {
-        let pixel = [k % size[0], k / size[0]].map(|x| x as f64);
-        let Some(place) = hit(pixel) else { return [255, 0, 255] };
-        let light = paint(pose * place);
-        let bright = 1.0 + slope * (pixel[0] / 80.0 - 1.0);
-        color_of([0, 1, 2].map(|channel| light[channel] * exposure[channel] * bright))
-    };
-    let picture =
-        Image::new(size[0], size[1], (0..size[0] * size[1]).map(color).collect::<Vec<_>>());
-    let grid = Vec::from_iter((0..cells * cells).map(|k| {
-        let pixel = [k % cells, k / cells].map(|x| 2.0 * f64::from(x) + 0.5);
-        (hit(pixel), pixel.map(|x| (x + 0.5) / 160.0))
-    }));
+    }
+    let picture = Image::new(
+        size[0],
+        size[1],
+        (0..size[0] * size[1])
+            .map(|k: usize| {
+                let pixel = [k % size[0], k / size[0]].map(|x| x as f64);
+                let Some(place) = hit(pixel, &pinhole) else { return [255, 0, 255] };
+                let light = paint(pose * place);
+                let bright = 1.0 + slope * (pixel[0] / 80.0 - 1.0);
+                color_of([0, 1, 2].map(|channel| light[channel] * exposure[channel] * bright))
+            })
+            .collect::<Vec<_>>(),
+    );
+    let grid: Vec<_> = (0..cells * cells)
+        .map(|k| {
+            let pixel = [k % cells, k / cells].map(|x| 2.0 * f64::from(x) + 0.5);
+            (hit(pixel, &pinhole), pixel.map(|x| (x + 0.5) / 160.0))
+        })
+        .collect();
     let quads = (0..cells * (cells - 1)).filter(|k| k % cells + 1 < cells);
     let quads = quads.map(|a| [a, a + cells, a + cells + 1, a + 1]);
     let quads = quads.filter(|quad| quad.iter().all(|&it| grid[it as usize].0.is_some()));
-    let quads = Vec::from_iter(quads.flatten());
+    let quads: Vec<_> = quads.flatten().collect();
     // Cells without a face are left out by `select`.
     let places = grid.iter().map(|it| it.0.unwrap_or_default()).collect::<Vec<_>>();
     let uv = grid.iter().map(|it| [it.1[0], 1.0 - it.1[1]]).collect::<Vec<_>>();
     let mesh = Mesh::new(places, Faces::uniform(4, quads).unwrap()).unwrap();
     let mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap();
-    let all = Vec::from_iter(0..mesh.faces().len() as u32);
+    let all: Vec<_> = (0..mesh.faces().len() as u32).collect();
     let frame = CaptureFrame {
         camera: Some(pinhole),
         picture: size,
@@ -98,19 +106,25 @@ fn off(baked: &Baked) -> f64 {
     let seen =
         texels.texels.iter().zip(&spots).filter(|it| baked.mask.pixels()[it.0.pixel as usize] == 0);
     let seen = Vec::from_iter(seen);
-    let light_at = |pixel: u32| baked.picture.pixels()[pixel as usize].map(|x| light(f64::from(x)));
+    fn light_at(pixel: u32, baked_picture: &Image) -> [f64; 3] {
+        baked_picture.pixels()[pixel as usize].map(|x| light(f64::from(x)))
+    }
     let factors = [0, 1, 2].map(|k| {
         let (sum, own) = seen.iter().fold((0.0, 0.0), |(sum, own), (texel, spot)| {
-            (sum + light_at(texel.pixel)[k], own + paint(spot.place)[k])
+            (sum + light_at(texel.pixel, &baked.picture)[k], own + paint(spot.place)[k])
         });
         sum / own
     });
-    let square = |(texel, spot): &(&super::super::atlas::Texel, &Spot)| {
-        let wanted = [0, 1, 2].map(|k| channel(paint(spot.place)[k] * factors[k]));
-        let found = baked.picture.pixels()[texel.pixel as usize].map(f64::from);
-        (0..3).map(|k| (found[k] - wanted[k]) * (found[k] - wanted[k])).sum::<f64>() / 3.0
-    };
-    (seen.iter().map(square).sum::<f64>() / seen.len() as f64).sqrt()
+    (seen
+        .iter()
+        .map(|(texel, spot)| {
+            let wanted = [0, 1, 2].map(|k| channel(paint(spot.place)[k] * factors[k]));
+            let found = baked.picture.pixels()[texel.pixel as usize].map(f64::from);
+            (0..3).map(|k| (found[k] - wanted[k]) * (found[k] - wanted[k])).sum::<f64>() / 3.0
+        })
+        .sum::<f64>()
+        / seen.len() as f64)
+        .sqrt()
 }
 
 const EQUAL: [f64; 3] = [1.0; 3];
@@ -128,11 +142,11 @@ fn equal_captures_give_the_paint() {
 #[test]
 fn captures_of_other_exposure_and_light_are_made_equal() {
     let exposures = [[1.0, 0.8, 1.3], [0.7, 1.0, 1.0], [1.4, 1.2, 0.8], [1.0, 1.0, 1.0]];
-    let shots = |slope: f64| {
-        let angles = [0.0, 90.0, 180.0, 270.0].into_iter().zip(exposures);
-        Vec::from_iter(angles.map(|(angle, exposure)| shot(angle, exposure, slope)))
-    };
-    let exposed = shots(0.0);
+    fn shots(slope: f64, exposures: &[[f64; 3]; 4]) -> Vec<Mesh> {
+        let angles = [0.0, 90.0, 180.0, 270.0].into_iter().zip(*exposures);
+        angles.map(|(angle, exposure)| shot(angle, exposure, slope)).collect::<Vec<_>>()
+    }
+    let exposed = shots(0.0, &exposures);
     let plain = baked(&exposed, Level::None);
     assert!(10.0 < off(&plain) && 15.0 < plain.steps[1], "{} {:?}", off(&plain), plain.steps);
     for level in [Level::Exposure, Level::Smooth] {
@@ -145,7 +159,7 @@ fn captures_of_other_exposure_and_light_are_made_equal() {
         );
     }
     // A lamp at the camera's side: no factor makes captures equal, but a field does.
-    let lit = shots(0.4);
+    let lit = shots(0.4, &exposures);
     let [exposure, smooth] =
         [Level::Exposure, Level::Smooth].map(|level| baked(&lit, level).steps[1]);
     assert!(20.0 < exposure && smooth < 6.0, "{exposure} {smooth}");
@@ -185,28 +199,29 @@ fn what_is_not_seen_has_the_colors_around_it() {
     // Across the edge of what is seen there is no step: neighbors in the atlas are near.
     let flags = front.mask.pixels();
     let texels = Texels::new(&front.mesh, [256; 2], &Progress::none()).unwrap();
-    let shown = Vec::from_iter(
-        (0..256 * 256).map(|k| texels.texels.binary_search_by_key(&k, |it| it.pixel).is_ok()),
-    );
+    let shown: Vec<_> = (0..256 * 256)
+        .map(|k| texels.texels.binary_search_by_key(&k, |it| it.pixel).is_ok())
+        .collect();
     let pairs = (0..256 * 256 - 1)
         .filter(|&k| k % 256 < 255 && shown[k] && shown[k + 1] && flags[k] != flags[k + 1]);
-    let step = |k: usize| {
-        (0..3)
-            .map(|c| front.picture.pixels()[k][c].abs_diff(front.picture.pixels()[k + 1][c]))
-            .max()
-    };
-    let steps = Vec::from_iter(pairs.filter_map(step));
+    let steps: Vec<_> = pairs
+        .filter_map(|k: usize| {
+            (0..3)
+                .map(|c| front.picture.pixels()[k][c].abs_diff(front.picture.pixels()[k + 1][c]))
+                .max()
+        })
+        .collect();
     assert!(steps.len() > 50 && steps.iter().all(|&step| step < 20), "{:?}", steps.iter().max());
 }
 
 #[test]
 fn the_picture_is_the_same_on_any_number_of_threads() {
     let captures = [shot(0.0, EQUAL, 0.2), shot(60.0, [0.8; 3], 0.0)];
-    let on = |threads: usize| {
+    fn on(threads: usize, captures: &[Mesh; 2]) -> Image {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| baked(&captures, Level::Smooth).picture)
-    };
-    assert_eq!(on(1), on(3));
+        pool.install(|| baked(captures, Level::Smooth).picture)
+    }
+    assert_eq!(on(1, &captures), on(3, &captures));
 }
 
 #[test]

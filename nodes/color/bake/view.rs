@@ -52,11 +52,15 @@ impl<'a> View<'a> {
         motion: &Matrix4<f64>,
         how: &Baking,
     ) -> Result<Self, BakeError> {
-        let lacks = |what| BakeError::NoPicture { capture: number + 1, what };
-        let picture =
-            capture.texture().filter(|it| !it.pixels().is_empty()).ok_or(lacks("picture"))?;
+        fn lacks(what: &'static str, number: usize) -> BakeError {
+            BakeError::NoPicture { capture: number + 1, what }
+        }
+        let picture = capture
+            .texture()
+            .filter(|it| !it.pixels().is_empty())
+            .ok_or(lacks("picture", number))?;
         if capture.faces().is_empty() {
-            return Err(lacks("faces"));
+            return Err(lacks("faces", number));
         }
         let mesh = match *motion == Matrix4::identity() {
             true => capture.clone(),
@@ -72,18 +76,34 @@ impl<'a> View<'a> {
             None => Camera::found(&mesh, size)
                 .map_err(|why| BakeError::NoCamera { capture: number + 1, why })?,
         };
-        let towards = |face: &[u32]| {
-            mesh.area_vector(face).dot(&camera.towards(mesh.positions()[face[0] as usize]))
+        let side = if mesh
+            .faces()
+            .iter()
+            .map(|face| {
+                mesh.area_vector(face).dot(&camera.towards(mesh.positions()[face[0] as usize]))
+            })
+            .sum::<f64>()
+            < 0.0
+        {
+            -1.0
+        } else {
+            1.0
         };
-        let side = if mesh.faces().iter().map(towards).sum::<f64>() < 0.0 { -1.0 } else { 1.0 };
         let edges = mesh.edges();
-        let length = |ends: &[u32; 2]| {
-            let [a, b] = ends.map(|it| mesh.positions()[it as usize]);
-            (b - a).norm()
-        };
-        let distance = edges.vertices.iter().map(length).sum::<f64>() / edges.vertices.len() as f64;
-        let or = |given: f64, times: f64| if given > 0.0 { given } else { times * distance };
-        let (tolerance, feather) = (or(how.tolerance, TOLERANCE), or(how.feather, FEATHER));
+        let distance = edges
+            .vertices
+            .iter()
+            .map(|ends| {
+                let [a, b] = ends.map(|it| mesh.positions()[it as usize]);
+                (b - a).norm()
+            })
+            .sum::<f64>()
+            / edges.vertices.len() as f64;
+        fn or(given: f64, times: f64, distance: f64) -> f64 {
+            if given > 0.0 { given } else { times * distance }
+        }
+        let (tolerance, feather) =
+            (or(how.tolerance, TOLERANCE, distance), or(how.feather, FEATHER, distance));
         let inside = from_border(&mesh, feather);
         let tree = TriangleTree::new(&mesh);
         let (low, high) = mesh.bounds().unwrap_or_default();
@@ -103,12 +123,12 @@ impl<'a> View<'a> {
     ) -> Result<(), Cancelled> {
         for (block, spots) in spots.chunks(BLOCK).enumerate() {
             progress.check()?;
-            let of_spot = |(number, spot): (usize, &Spot)| {
-                let (weight, sure, light) = self.look(spot)?;
-                let texel = (block * BLOCK + number) as u32;
-                Some(Sample { texel, capture: self.number as u32, weight, sure, light })
-            };
-            let found = spots.par_iter().enumerate().with_min_len(256).filter_map(of_spot);
+            let found =
+                spots.par_iter().enumerate().with_min_len(256).filter_map(|(number, spot)| {
+                    let (weight, sure, light) = self.look(spot)?;
+                    let texel = (block * BLOCK + number) as u32;
+                    Some(Sample { texel, capture: self.number as u32, weight, sure, light })
+                });
             samples.extend(found.collect::<Vec<_>>());
         }
         Ok(())
@@ -159,10 +179,10 @@ impl<'a> View<'a> {
             return None;
         }
         let at = hit.place(&self.mesh);
-        let share = |from: Point3<f64>, to: Point3<f64>| {
+        fn share(from: Point3<f64>, to: Point3<f64>, at: Point3<f64>, double: Vector3<f64>) -> f64 {
             (from - at).cross(&(to - at)).dot(&double) / double.norm_squared()
-        };
-        let shares = [share(b, c), share(c, a), share(a, b)];
+        }
+        let shares = [share(b, c, at, double), share(c, a, at, double), share(a, b, at, double)];
         Some((off, corners.iter().zip(shares).map(|(&it, share)| self.inside[it] * share).sum()))
     }
 
@@ -213,8 +233,9 @@ fn from_border(mesh: &Mesh, most: f64) -> Vec<f64> {
             heap.push((Reverse(0), vertex));
         }
     }
-    let both = || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)]);
-    let around = maquette_base::topology::lists::Lists::group(distances.len(), both);
+    let around = maquette_base::topology::lists::Lists::group(distances.len(), || {
+        edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)])
+    });
     // Numbers that are not negative have the order of their bits.
     while let Some((Reverse(bits), vertex)) = heap.pop() {
         let distance = f64::from_bits(bits);

@@ -43,11 +43,11 @@ impl Chart {
             let chart_face = faces.binary_search(&face).ok()?;
             Some(starts[chart_face] + corner - all.first_corner(face as usize) as u32)
         };
-        let next = |corner: u32| {
+        fn next(corner: u32, of_corner: &[u32], all: &maquette_value::Faces) -> u32 {
             let face = of_corner[corner as usize] as usize;
             let (first, count) = (all.first_corner(face) as u32, all.face(face).len() as u32);
             if corner + 1 < first + count { corner + 1 } else { first }
-        };
+        }
         let mut sets = UnionFind::new(own.len());
         for (at, &corner) in (0u32..).zip(&own) {
             let opposite = opposites[corner as usize];
@@ -55,21 +55,15 @@ impl Chart {
                 continue;
             }
             let Some(other) = place(opposite) else { continue };
-            let ends =
-                [next(corner), next(opposite)].map(|it| place(it).expect("of a face of the chart"));
+            let ends = [next(corner, of_corner, all), next(opposite, of_corner, all)]
+                .map(|it| place(it).expect("of a face of the chart"));
             sets.join(at, ends[1]);
             sets.join(ends[0], other);
         }
         let (corners, firsts) = sets.numbered();
         let vertex =
             |&at: &u32| mesh.positions()[all.corners()[own[at as usize] as usize] as usize];
-        let positions = Vec::from_iter(firsts.iter().map(vertex));
-        let is_wide = |triangle: &[u32; 3]| {
-            let [a, b, c] = triangle.map(|it| positions[it as usize]);
-            let longest =
-                (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
-            THIN * longest < (b - a).cross(&(c - a)).norm()
-        };
+        let positions: Vec<_> = firsts.iter().map(vertex).collect();
         let end = own.len() as u32;
         let ends = starts[1..].iter().chain([&end]);
         let fans = starts
@@ -77,7 +71,14 @@ impl Chart {
             .zip(ends)
             .flat_map(|(&start, &end)| (start + 1..end - 1).map(move |k| [start, k, k + 1]));
         let triangles = fans.map(|fan| fan.map(|at| corners[at as usize]));
-        let triangles = Vec::from_iter(triangles.filter(is_wide));
+        let triangles: Vec<_> = triangles
+            .filter(|triangle| {
+                let [a, b, c] = triangle.map(|it| positions[it as usize]);
+                let longest =
+                    (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
+                THIN * longest < (b - a).cross(&(c - a)).norm()
+            })
+            .collect();
         let sum = faces
             .iter()
             .map(|&face| mesh.area_vector(all.face(face as usize)))
@@ -98,29 +99,28 @@ impl Chart {
     /// triangle is turned as it fits best to where it lies (equation 5), then all vertices go where the turned triangles pull them
     /// (equation 6), whose matrix is the cotangent Laplacian.
     pub(super) fn relaxed(&self) -> Option<Vec<Vector2<f64>>> {
-        let shapes = Vec::from_iter(self.triangles.iter().map(|it| self.shape(*it)));
+        let shapes: Vec<_> = self.triangles.iter().map(|it| self.shape(*it)).collect();
         let count = self.flat.len();
-        let sides = || {
+        let lists = Lists::group(count, || {
             self.triangles.iter().zip(&shapes).flat_map(|(triangle, shape)| {
                 [0, 1, 2].into_iter().flat_map(move |k| {
                     let [a, b] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
                     [(a, (b, shape.cotangents[k])), (b, (a, shape.cotangents[k]))]
                 })
             })
-        };
-        let lists = Lists::group(count, sides);
+        });
         // The first vertex is held, so that there is one solution; one of no triangle stays.
-        let hold = |own: usize| {
+        fn hold(own: usize, lists: &Lists<(u32, f64)>) -> f64 {
             let sum: f64 = lists.of(own).iter().map(|entry| entry.1).sum();
             if own == 0 || lists.of(own).is_empty() { sum.abs().max(1.0) } else { 0.0 }
-        };
+        }
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for own in 0..count {
             let mut row = lists.of(own).to_vec();
             row.sort_unstable_by_key(|entry| entry.0);
             let sum: f64 = row.iter().map(|entry| entry.1).sum();
             matrix.indices.push(own as u32);
-            matrix.entries.push(sum + hold(own));
+            matrix.entries.push(sum + hold(own, &lists));
             for entries in row.chunk_by(|a, b| a.0 == b.0) {
                 matrix.indices.push(entries[0].0);
                 matrix.entries.push(-entries.iter().map(|entry| entry.1).sum::<f64>());
@@ -130,8 +130,10 @@ impl Chart {
         let factors = Cholesky::new(&matrix)?;
         let mut flat = self.flat.clone();
         for _ in 0..STEPS {
-            let held = |own: usize| flat[own] * hold(own);
-            let mut pulls = Vec::from_iter((0..count).map(held).map(|it| [it.x, it.y, 0.0]));
+            let mut pulls: Vec<_> = (0..count)
+                .map(|own: usize| flat[own] * hold(own, &lists))
+                .map(|it| [it.x, it.y, 0.0])
+                .collect();
             for (triangle, shape) in self.triangles.iter().zip(&shapes) {
                 let turn = shape.turn(triangle.map(|it| flat[it as usize]));
                 for k in 0..3 {
@@ -157,11 +159,13 @@ impl Chart {
         let twice = side.cross(&other).norm();
         let corners =
             [Vector2::zeros(), Vector2::new(length, 0.0), Vector2::new(along, twice / length)];
-        let cotangent = |k: usize| {
-            let [own, next, last] = [k, (k + 1) % 3, (k + 2) % 3].map(|it| corners[it]);
-            (next - own).dot(&(last - own)) / twice
-        };
-        Shape { corners, cotangents: [0, 1, 2].map(cotangent) }
+        Shape {
+            corners,
+            cotangents: [0, 1, 2].map(|k: usize| {
+                let [own, next, last] = [k, (k + 1) % 3, (k + 2) % 3].map(|it| corners[it]);
+                (next - own).dot(&(last - own)) / twice
+            }),
+        }
     }
 }
 

@@ -12,8 +12,8 @@ fn side(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
 /// Whether all triangles are counter-clockwise, and no two have more than a border in common; decided by exact predicates (Shewchuk,
 /// "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
 pub(super) fn lie_well(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool {
-    let corners = |triangle: &[u32; 3]| triangle.map(|it| places[it as usize]);
-    let all = Vec::from_iter(triangles.iter().map(corners));
+    let all: Vec<_> =
+        triangles.iter().map(|triangle| triangle.map(|it| places[it as usize])).collect();
     all.iter().all(|&[a, b, c]| side(a, b, c) > 0.0) && overlap(&all).is_none()
 }
 
@@ -21,7 +21,7 @@ pub(super) fn lie_well(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool 
 /// its outer side. Only those that meet in a cell of a grid are compared.
 pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
     let boxes =
-        Vec::from_iter(triangles.iter().map(|[a, b, c]| [a.inf(b).inf(c), a.sup(b).sup(c)]));
+        triangles.iter().map(|[a, b, c]| [a.inf(b).inf(c), a.sup(b).sup(c)]).collect::<Vec<_>>();
     let whole = boxes.iter().copied().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
     let size = whole[1] - whole[0];
     // About as many cells as triangles.
@@ -65,9 +65,9 @@ pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
 
 /// Whether the insides of two counter-clockwise triangles meet.
 fn meet(one: [Vector2<f64>; 3], other: [Vector2<f64>; 3]) -> bool {
-    let parts = |from: [Vector2<f64>; 3], it: [Vector2<f64>; 3]| {
+    fn parts(from: [Vector2<f64>; 3], it: [Vector2<f64>; 3]) -> bool {
         (0..3).any(|k| it.iter().all(|&at| side(from[k], from[(k + 1) % 3], at) <= 0.0))
-    };
+    }
     !parts(one, other) && !parts(other, one)
 }
 

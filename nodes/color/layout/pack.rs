@@ -54,7 +54,7 @@ pub(super) fn pack(
     padding: usize,
     progress: &Progress<'_>,
 ) -> Result<Packed, PackError> {
-    let pieces = Vec::from_iter(pieces.iter().map(upright));
+    let pieces: Vec<_> = pieces.iter().map(upright).collect();
     let block = size.div_ceil(PLACES);
     let square = Square { blocks: size / block, block: block as f64, margin: padding as f64 / 2.0 };
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
@@ -87,18 +87,21 @@ pub(super) fn pack(
     }
     let places = pieces.iter().zip(&found).map(|(piece, spot)| {
         let blocks = square.blocks_of(piece, scale).map(|count| count as f64 * square.block);
-        let at = |place: &Vector2<f64>| {
-            let [x, y] = [place.x * scale + square.margin, place.y * scale + square.margin];
-            let turned = match spot.turn {
-                0 => [x, y],
-                1 => [blocks[1] - y, x],
-                2 => [blocks[0] - x, blocks[1] - y],
-                _ => [y, blocks[0] - x],
-            };
-            let corner = spot.at.map(|it| it as f64 * square.block);
-            [0, 1].map(|axis| (corner[axis] + turned[axis]) / size as f64)
-        };
-        piece.flat.iter().map(at).collect()
+        piece
+            .flat
+            .iter()
+            .map(|place| {
+                let [x, y] = [place.x * scale + square.margin, place.y * scale + square.margin];
+                let turned = match spot.turn {
+                    0 => [x, y],
+                    1 => [blocks[1] - y, x],
+                    2 => [blocks[0] - x, blocks[1] - y],
+                    _ => [y, blocks[0] - x],
+                };
+                let corner = spot.at.map(|it| it as f64 * square.block);
+                [0, 1].map(|axis| (corner[axis] + turned[axis]) / size as f64)
+            })
+            .collect()
     });
     Ok(Packed { places: places.collect(), scale })
 }
@@ -115,35 +118,42 @@ struct Upright<'a> {
 /// rectangle for an arbitrary closed curve" (1975).
 fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
     let hull = hull(&piece.flat);
-    let extent = |right: Vector2<f64>| {
+    fn extent(right: Vector2<f64>, hull: &[Vector2<f64>]) -> (Vector2<f64>, Vector2<f64>) {
         let up = Vector2::new(-right.y, right.x);
-        let spread = |axis: Vector2<f64>| {
+        fn spread(axis: Vector2<f64>, hull: &[Vector2<f64>]) -> [f64; 2] {
             let along = hull.iter().map(|at| axis.dot(at));
             let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
                 (low.min(x), high.max(x))
             });
             [low, high]
-        };
-        let [[left, right], [bottom, top]] = [spread(right), spread(up)];
+        }
+        let [[left, right], [bottom, top]] = [spread(right, hull), spread(up, hull)];
         (Vector2::new(left, bottom), Vector2::new(right - left, top - bottom))
-    };
+    }
     let sides = hull.iter().zip(hull[1..].iter().chain(&hull[..1]));
     let directions = sides.filter_map(|(a, b)| (b - a).try_normalize(0.0));
-    let cost = |right: &Vector2<f64>| {
-        let size = extent(*right).1;
+    fn cost(right: &Vector2<f64>, hull: &[Vector2<f64>]) -> f64 {
+        let size = extent(*right, hull).1;
         // Of equal ones the one that is not as long.
         size.x * size.y + 1e-6 * size.max() * size.max()
-    };
-    let best = directions.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    }
+    let best = directions.min_by(|a, b| cost(a, &hull).total_cmp(&cost(b, &hull)));
     let right = best.unwrap_or_else(Vector2::x);
-    let (low, size) = extent(right);
-    let place = |at: &Vector2<f64>| Vector2::new(right.dot(at) - low.x, right.perp(at) - low.y);
-    let flat = Vec::from_iter(piece.flat.iter().map(place));
-    let twice = |triangle: &[u32; 3]| {
-        let [a, b, c] = triangle.map(|it| flat[it as usize]);
-        (b - a).perp(&(c - a)).abs()
-    };
-    let area = piece.triangles.iter().map(twice).sum::<f64>() / 2.0;
+    let (low, size) = extent(right, &hull);
+    let flat: Vec<_> = piece
+        .flat
+        .iter()
+        .map(|at| Vector2::new(right.dot(at) - low.x, right.perp(at) - low.y))
+        .collect();
+    let area = piece
+        .triangles
+        .iter()
+        .map(|triangle| {
+            let [a, b, c] = triangle.map(|it| flat[it as usize]);
+            (b - a).perp(&(c - a)).abs()
+        })
+        .sum::<f64>()
+        / 2.0;
     Upright { triangles: piece.triangles, flat, size, area }
 }
 
@@ -151,7 +161,7 @@ fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
 fn hull(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    let half = |points: &mut dyn Iterator<Item = &Vector2<f64>>| {
+    fn half(points: &mut dyn Iterator<Item = &Vector2<f64>>) -> Vec<Vector2<f64>> {
         let mut half: Vec<Vector2<f64>> = Vec::new();
         for &at in points {
             while let [.., a, b] = half[..]
@@ -163,7 +173,7 @@ fn hull(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
         }
         half.pop();
         half
-    };
+    }
     let mut hull = half(&mut sorted.iter());
     hull.extend(half(&mut sorted.iter().rev()));
     if hull.is_empty() { sorted.into_iter().take(1).collect() } else { hull }
@@ -257,40 +267,49 @@ impl Square {
     fn cover(&self, piece: &Upright<'_>, scale: f64, [width, height]: [usize; 2]) -> Vec<Row> {
         let mut rows = vec![Row::default(); height];
         let margin = self.margin;
-        let block = |x: f64, most: usize| ((x / self.block).max(0.0) as usize).min(most - 1);
+        fn block(x: f64, most: usize, block: f64) -> usize {
+            ((x / block).max(0.0) as usize).min(most - 1)
+        }
         let mut fill = |corners: &[Vector2<f64>]| {
-            let ends = |axis: usize, it: &mut dyn Iterator<Item = Vector2<f64>>| {
+            fn ends(axis: usize, it: &mut dyn Iterator<Item = Vector2<f64>>) -> [f64; 2] {
                 it.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
                     [low.min(at[axis]), high.max(at[axis])]
                 })
-            };
+            }
             let [bottom, top] = ends(1, &mut corners.iter().copied());
-            let last = block(top + 2.0 * margin, height);
+            let last = block(top + 2.0 * margin, height, self.block);
             for (row, bits) in
-                rows.iter_mut().enumerate().take(last + 1).skip(block(bottom, height))
+                rows.iter_mut().enumerate().take(last + 1).skip(block(bottom, height, self.block))
             {
                 // What of the sides lies between these heights.
                 let low = row as f64 * self.block - 2.0 * margin;
                 let high = (row + 1) as f64 * self.block;
                 let next = corners[1..].iter().chain(&corners[..1]);
                 let cut = corners.iter().zip(next).flat_map(|(&a, &b)| {
-                    let at = |y: f64| match b.y - a.y {
-                        0.0 => a,
-                        rise => a + (b - a) * ((y.clamp(a.y.min(b.y), a.y.max(b.y)) - a.y) / rise),
-                    };
+                    fn at(y: f64, a: Vector2<f64>, b: Vector2<f64>) -> Vector2<f64> {
+                        match b.y - a.y {
+                            0.0 => a,
+                            rise => {
+                                a + (b - a) * ((y.clamp(a.y.min(b.y), a.y.max(b.y)) - a.y) / rise)
+                            }
+                        }
+                    }
                     let misses = a.y.max(b.y) < low || high < a.y.min(b.y);
-                    let ends = if a.y == b.y { [a, b] } else { [at(low), at(high)] };
+                    let ends = if a.y == b.y { [a, b] } else { [at(low, a, b), at(high, a, b)] };
                     ends.into_iter().filter(move |_| !misses)
                 });
                 let [left, right] = ends(0, &mut cut.into_iter());
                 if left <= right {
-                    let [first, last] = [left, right + 2.0 * margin].map(|x| block(x, width));
+                    let [first, last] =
+                        [left, right + 2.0 * margin].map(|x| block(x, width, self.block));
                     set(bits, first, last - first + 1);
                 }
             }
         };
-        let place = |it: u32| piece.flat[it as usize] * scale;
-        piece.triangles.iter().for_each(|triangle| fill(&triangle.map(place)));
+        piece
+            .triangles
+            .iter()
+            .for_each(|triangle| fill(&triangle.map(|it: u32| piece.flat[it as usize] * scale)));
         if piece.triangles.is_empty() {
             fill(&[Vector2::zeros(), piece.size * scale]);
         }

@@ -99,10 +99,14 @@ pub(super) fn segment(
 ) -> Result<Vec<Vec<u32>>, Cancelled> {
     let of_corner = faces_of_corners(mesh);
     let lengths = side_lengths(mesh);
-    let mut clusters = Vec::from_iter(mesh.faces().iter().map(|face| {
-        let vector = mesh.area_vector(face);
-        Cluster { area: vector.norm(), vector, ..Cluster::default() }
-    }));
+    let mut clusters: Vec<_> = mesh
+        .faces()
+        .iter()
+        .map(|face| {
+            let vector = mesh.area_vector(face);
+            Cluster { area: vector.norm(), vector, ..Cluster::default() }
+        })
+        .collect();
     for (corner, &opposite) in opposites.iter().enumerate() {
         let own = of_corner[corner];
         clusters[own as usize].rim += lengths[corner];
@@ -113,7 +117,7 @@ pub(super) fn segment(
     }
     // What has no area costs as if it had a little.
     let least = clusters.iter().map(|it| it.area).sum::<f64>() * 1e-12;
-    let merging = |clusters: &[Cluster], a: u32, b: u32| {
+    fn merging(clusters: &[Cluster], a: u32, b: u32, flatness: f64, least: f64) -> Option<Merging> {
         let [own, other] = [a, b].map(|it| &clusters[it as usize]);
         let (area, vector) = (own.area + other.area, own.vector + other.vector);
         let rim = own.rim + other.rim - 2.0 * own.around[&b];
@@ -123,11 +127,13 @@ pub(super) fn segment(
             pair: [a, b],
             versions: [own.version, other.version],
         })
-    };
+    }
     let mut heap = BinaryHeap::new();
     for own in 0..clusters.len() as u32 {
         let later = clusters[own as usize].around.range(own + 1..);
-        heap.extend(later.filter_map(|(&other, _)| merging(&clusters, own, other)));
+        heap.extend(
+            later.filter_map(|(&other, _)| merging(&clusters, own, other, flatness, least)),
+        );
     }
     let mut sets = UnionFind::new(clusters.len());
     let mut done = 0usize;
@@ -143,7 +149,11 @@ pub(super) fn segment(
         sets.join(a, b);
         join(&mut clusters, a, b);
         let around = clusters[a as usize].around.keys();
-        heap.extend(around.filter_map(|&other| merging(&clusters, a.min(other), a.max(other))));
+        heap.extend(
+            around.filter_map(|&other| {
+                merging(&clusters, a.min(other), a.max(other), flatness, least)
+            }),
+        );
     }
     let (mut charts, _) = sets.numbered();
     straighten(mesh, opposites, &of_corner, &lengths, flatness, &mut charts);
@@ -154,12 +164,19 @@ pub(super) fn segment(
 
 /// The length of each side.
 fn side_lengths(mesh: &Mesh) -> Vec<f64> {
-    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
-    let of_face = |face: &[u32]| {
-        let next = face[1..].iter().chain(&face[..1]);
-        Vec::from_iter(face.iter().zip(next).map(|(a, b)| (place(b) - place(a)).norm()))
-    };
-    mesh.faces().iter().flat_map(of_face).collect()
+    fn place(vertex: &u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
+        mesh.positions()[*vertex as usize]
+    }
+    mesh.faces()
+        .iter()
+        .flat_map(|face| {
+            let next = face[1..].iter().chain(&face[..1]);
+            face.iter()
+                .zip(next)
+                .map(|(a, b)| (place(b, mesh) - place(a, mesh)).norm())
+                .collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 /// Makes `b` part of `a`.
@@ -198,13 +215,15 @@ fn straighten(
     flatness: f64,
     charts: &mut [u32],
 ) {
-    let vectors = Vec::from_iter(mesh.faces().iter().map(|face| mesh.area_vector(face)));
+    let vectors: Vec<_> = mesh.faces().iter().map(|face| mesh.area_vector(face)).collect();
     let mut sums = vec![(0.0, Vector3::zeros()); charts.len()];
     for (&chart, vector) in charts.iter().zip(&vectors) {
         sums[chart as usize].0 += vector.norm();
         sums[chart as usize].1 += vector;
     }
-    let is_flat = |(area, vector): (f64, Vector3<f64>)| flatness * area <= vector.norm();
+    fn is_flat((area, vector): (f64, Vector3<f64>), flatness: f64) -> bool {
+        flatness * area <= vector.norm()
+    }
     for _ in 0..ROUNDS {
         for face in 0..charts.len() {
             let own = charts[face];
@@ -226,7 +245,7 @@ fn straighten(
                 let sum = sums[chart as usize];
                 (sum.0 + sign * area, sum.1 + sign * vector)
             });
-            if is_flat(with) && is_flat(without) {
+            if is_flat(with, flatness) && is_flat(without, flatness) {
                 (sums[own as usize], sums[other as usize]) = (without, with);
                 charts[face] = other;
             }

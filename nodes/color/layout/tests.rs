@@ -16,12 +16,14 @@ fn lie(mesh: &Mesh, layout: &Layout) -> LaidOut {
 /// The corners of each triangle in the plane, in texels.
 fn triangles(mesh: &Mesh, size: usize) -> Vec<[Vector2<f64>; 3]> {
     let uv = mesh.corner().pairs("uv").unwrap();
-    let at = |corner: usize| Vector2::from(uv[corner]) * size as f64;
     let faces = (0..mesh.faces().len())
         .map(|face| (mesh.faces().first_corner(face), mesh.faces().face(face).len()));
     faces
         .flat_map(|(first, count)| {
-            (1..count - 1).map(move |k| [first, first + k, first + k + 1].map(at))
+            (1..count - 1).map(move |k| {
+                [first, first + k, first + k + 1]
+                    .map(|corner: usize| Vector2::from(uv[corner]) * size as f64)
+            })
         })
         .collect()
 }
@@ -29,7 +31,9 @@ fn triangles(mesh: &Mesh, size: usize) -> Vec<[Vector2<f64>; 3]> {
 /// Nothing is turned over, overlaps, or leaves the square; faces that share a vertex of a seam lie together or `padding` apart.
 fn check_layout(mesh: &Mesh, laid: &LaidOut, layout: &Layout) {
     let all = triangles(&laid.mesh, layout.size);
-    let coord = |at: Vector2<f64>| Coord { x: at.x, y: at.y };
+    fn coord(at: Vector2<f64>) -> Coord<f64> {
+        Coord { x: at.x, y: at.y }
+    }
     for [a, b, c] in &all {
         assert!(orient2d(coord(*a), coord(*b), coord(*c)) > 0.0, "{a} {b} {c}");
         let margin = layout.padding as f64 / 2.0 - 1e-9;
@@ -142,7 +146,9 @@ fn what_is_round_is_stretched_little() {
 
 #[test]
 fn noise_and_folds_are_cut_out() {
-    let rough = |u: f64, v: f64| libm::sin(u * 977.0) * libm::cos(v * 1313.0);
+    fn rough(u: f64, v: f64) -> f64 {
+        libm::sin(u * 977.0) * libm::cos(v * 1313.0)
+    }
     for height in [0.01, 0.1, 1.0] {
         let mesh = sheet([40, 40], false, |u, v| [u, v, height * rough(u, v)]);
         lie(&mesh, &Layout::default());
@@ -158,18 +164,18 @@ fn noise_and_folds_are_cut_out() {
 #[test]
 fn a_triangle_and_what_is_not_manifold_have_charts() {
     let places = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [0., -1., 0.]];
-    let fin = |faces: Vec<[u32; 3]>| {
+    fn fin(faces: Vec<[u32; 3]>, places: &[[f64; 3]; 5]) -> Mesh {
         Mesh::new(places.map(Point3::from).to_vec(), Faces::triangles(faces)).unwrap()
-    };
+    }
     let layout = Layout { size: 64, ..Layout::default() };
-    let one = lie(&fin(vec![[0, 1, 2]]), &layout);
+    let one = lie(&fin(vec![[0, 1, 2]], &places), &layout);
     assert_eq!(one.charts, 1);
     // As large as fits: the legs along the square's sides.
     assert!(one.scale > 64.0 - 4.0 - 4.0, "{}", one.scale);
     // Three faces at one edge, and a neighbor that is turned round.
-    assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 3], [1, 0, 4]]), &layout).charts, 3);
-    assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 4]]), &layout).charts, 2);
-    assert_eq!(lie(&fin(vec![[0, 1, 2], [1, 0, 4]]), &layout).charts, 1);
+    assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 3], [1, 0, 4]], &places), &layout).charts, 3);
+    assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 4]], &places), &layout).charts, 2);
+    assert_eq!(lie(&fin(vec![[0, 1, 2], [1, 0, 4]], &places), &layout).charts, 1);
 }
 
 #[test]
@@ -188,9 +194,8 @@ fn charts_keep_their_distance() {
         }
         let (charts, _) = sets.numbered();
         assert_eq!(charts.iter().collect::<BTreeSet<_>>().len(), laid.charts);
-        let corners = Vec::from_iter(
-            all.iter().zip(&charts).flat_map(|(it, chart)| it.map(|at| (at, chart))),
-        );
+        let corners: Vec<_> =
+            all.iter().zip(&charts).flat_map(|(it, chart)| it.map(|at| (at, chart))).collect();
         for (k, (a, chart)) in corners.iter().enumerate() {
             for (b, other) in corners[k + 1..].iter().filter(|it| it.1 != *chart) {
                 let distance = (a - b).norm();
@@ -203,18 +208,18 @@ fn charts_keep_their_distance() {
 #[test]
 fn the_layout_is_the_same_on_any_number_of_threads() {
     let mesh = torus(60, 30);
-    let on = |threads: usize| {
+    fn on(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| lay_out(&mesh, &Layout::default(), &Progress::none()).unwrap().mesh)
-    };
-    assert_eq!(on(1), on(3));
+        pool.install(|| lay_out(mesh, &Layout::default(), &Progress::none()).unwrap().mesh)
+    }
+    assert_eq!(on(1, &mesh), on(3, &mesh));
 }
 
 #[test]
 fn what_has_no_layout_is_told_why() {
-    let told = |mesh: &Mesh, layout: Layout| {
+    fn told(mesh: &Mesh, layout: Layout) -> String {
         lay_out(mesh, &layout, &Progress::none()).unwrap_err().to_string()
-    };
+    }
     let layout = Layout::default();
     let empty = Mesh::new(vec![], Faces::triangles(vec![])).unwrap();
     assert_eq!(told(&empty, layout), "the mesh has no faces, so that there is nothing to lay out");

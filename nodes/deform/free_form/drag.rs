@@ -120,10 +120,22 @@ impl Drag {
         if now.rests() {
             return Ok((self.what.clone(), Report { merged: now.merged, ..Report::NOTHING }));
         }
-        let step = |place: &usize| now.to[*place] - self.prepared.to[*place];
-        let steps = Vec::from_iter(self.dragged.chunks(GROUP).map(|group| {
-            Matrix3::from_fn(|axis, k| group.get(k).map_or(0.0, |place| step(place)[axis]))
-        }));
+        fn step(
+            place: &usize,
+            now_to: &[Point3<f64>],
+            prepared_to: &[Point3<f64>],
+        ) -> nalgebra::Vector3<f64> {
+            now_to[*place] - prepared_to[*place]
+        }
+        let steps: Vec<_> = self
+            .dragged
+            .chunks(GROUP)
+            .map(|group| {
+                Matrix3::from_fn(|axis, k| {
+                    group.get(k).map_or(0.0, |place| step(place, &now.to, &self.prepared.to)[axis])
+                })
+            })
+            .collect();
         let evaluate = |first: usize,
                         points: &[Point3<f64>],
                         moved: &mut [Point3<f64>],
@@ -213,12 +225,11 @@ impl FieldInputs {
 /// What a step of 1 of each of these handles does, along one axis each.
 fn unit_steps(layout: &Layout, system: &System, group: &[Option<usize>; GROUP]) -> Deformation {
     let n = layout.at.len();
-    let solve = |place: Option<usize>| {
+    let solutions = group.map(|place: Option<usize>| {
         system.solve((0..n).map(|row| if Some(row) == place { 1.0 } else { 0.0 }))
-    };
-    let solutions = group.map(solve);
-    let value = |k: usize| [0, 1, 2].map(|axis| solutions[axis].coefficients[k]);
-    let values = (0..n).map(value).collect();
+    });
+    let values =
+        (0..n).map(|k: usize| [0, 1, 2].map(|axis| solutions[axis].coefficients[k])).collect();
     let terms = [0, 1, 2].map(|axis| &solutions[axis].polynomial[..]);
     let base = Base { affine: system.polynomial.combine(terms), ..Base::keep(0.0) };
     Deformation::new(layout.gaussians(), values, base)

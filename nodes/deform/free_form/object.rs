@@ -117,10 +117,11 @@ pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError>
         Movable::Curve(curve) => Movable::Curve(curve.with_points(field.positions)?),
         Movable::RangeImage(range) => {
             let places = range.points().iter().zip(&field.positions);
-            let lost = |(old, new): (&Point3<f64>, &Point3<f64>)| {
-                !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
-            };
-            if let Some(cell) = places.into_iter().position(lost) {
+            if let Some(cell) =
+                places.into_iter().position(|(old, new): (&Point3<f64>, &Point3<f64>)| {
+                    !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
+                })
+            {
                 return Err(FfdError::NotFinite { cell });
             }
             Movable::RangeImage(range.with_points(field.positions)?)
@@ -157,8 +158,8 @@ fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
         moved = moved.with_corner("normal", Attribute::Vector(turned.collect()))?;
     }
     if field.folded.contains(&1) {
-        let none = || vec![0; mesh.positions().len()];
-        let folded = spread(field.rows.as_deref(), field.folded, none);
+        let folded =
+            spread(field.rows.as_deref(), field.folded, || vec![0; mesh.positions().len()]);
         moved = moved.with_vertex("folded", Attribute::Flag(folded.into()))?;
     }
     Ok(moved)

@@ -144,30 +144,43 @@ impl Prepared {
 pub(crate) fn deformation(prepared: &Prepared, system: &System) -> Deformation {
     let Prepared { layout, to, .. } = prepared;
     let gaussians = layout.gaussians();
-    let start = |index: usize, axis: usize| match layout.mode {
-        Mode::Absolute => layout.at[index][axis],
-        Mode::Displacement | Mode::Affine => 0.0,
-    };
+    fn start(index: usize, axis: usize, layout_at: &[Point3<f64>], layout_mode: &Mode) -> f64 {
+        match *layout_mode {
+            Mode::Absolute => layout_at[index][axis],
+            Mode::Displacement | Mode::Affine => 0.0,
+        }
+    }
     // What the coefficients do from which the solution starts: the handles' places in the absolute form, else nothing.
     let shares = (layout.mode == Mode::Absolute)
-        .then(|| Vec::from_iter(layout.at.iter().map(|&at| gaussians.shares(at))));
+        .then(|| layout.at.iter().map(|&at| gaussians.shares(at)).collect::<Vec<_>>());
     let missing = |axis: usize| {
         let shares = &shares;
         to.iter().enumerate().map(move |(row, to)| match shares {
             None => to[axis] - layout.at[row][axis],
             Some(shares) => {
-                let there = shares[row].iter().enumerate().map(|(k, share)| share * start(k, axis));
+                let there = shares[row]
+                    .iter()
+                    .enumerate()
+                    .map(|(k, share)| share * start(k, axis, &layout.at, &layout.mode));
                 to[axis] - there.sum::<f64>()
             }
         })
     };
     let solutions = [0, 1, 2].map(|axis| system.solve(missing(axis)));
-    let value = |index: usize| {
-        [0, 1, 2].map(|axis| start(index, axis) + solutions[axis].coefficients[index])
-    };
     let mut base = Base::keep(if layout.mode == Mode::Absolute { 0.0 } else { 1.0 });
     base.affine = system.polynomial.combine([0, 1, 2].map(|axis| &solutions[axis].polynomial[..]));
-    Deformation::new(gaussians, (0..to.len()).map(value).collect(), base)
+    Deformation::new(
+        gaussians,
+        (0..to.len())
+            .map(|index: usize| {
+                [0, 1, 2].map(|axis| {
+                    start(index, axis, &layout.at, &layout.mode)
+                        + solutions[axis].coefficients[index]
+                })
+            })
+            .collect(),
+        base,
+    )
 }
 
 /// The farthest that a handle is from its target.

@@ -45,8 +45,12 @@ impl Boxes {
     pub(crate) fn reached(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
         let mut rows: Vec<Range<u32>> = Vec::new();
         // What is no number is computed, so that it is told.
-        let stays = |ends: &Ends| farthest(deformation, ends) <= error;
-        let stays: Vec<bool> = self.boxes.par_iter().with_min_len(64).map(stays).collect();
+        let stays: Vec<bool> = self
+            .boxes
+            .par_iter()
+            .with_min_len(64)
+            .map(|ends| farthest(deformation, ends) <= error)
+            .collect();
         for row in (0..stays.len()).filter(|&row| !stays[row]) {
             let [start, end] = [row * ROW, self.points.min((row + 1) * ROW)].map(|at| at as u32);
             match rows.last_mut() {
@@ -60,11 +64,15 @@ impl Boxes {
 
 /// No point between these ends moves farther: the sum of all pulls, each where it is greatest, over the background alone.
 fn farthest(deformation: &Deformation, [low, high]: &Ends) -> f64 {
-    let pull = |Term { bump, value }: &Term| {
-        let nearest = [0, 1, 2].map(|axis| bump.center[axis].max(low[axis]).min(high[axis]));
-        libm::exp2(bump.exponent(nearest)) * Vector3::from(*value).norm()
-    };
-    deformation.terms.iter().map(pull).sum::<f64>() / deformation.background
+    deformation
+        .terms
+        .iter()
+        .map(|Term { bump, value }| {
+            let nearest = [0, 1, 2].map(|axis| bump.center[axis].max(low[axis]).min(high[axis]));
+            libm::exp2(bump.exponent(nearest)) * Vector3::from(*value).norm()
+        })
+        .sum::<f64>()
+        / deformation.background
 }
 
 /// The items of some rows, one row after the other.

@@ -55,17 +55,29 @@ impl Cells {
         let roughly = ROUGHLY <= ROUGH_PART * share;
         let share = if roughly { share - ROUGHLY } else { share };
         let total = counts.iter().product::<usize>();
-        let list = |cell: usize| {
-            let place =
-                [cell % counts[0], cell / counts[0] % counts[1], cell / counts[0] / counts[1]];
-            let corner = |step: usize| {
-                Vector3::from_fn(|axis, _| {
-                    bounds.0[axis] + size[axis] * (place[axis] + step) as f64
-                })
-            };
-            relevant(terms, corner(0), corner(1), share)
-        };
-        let all: Vec<Vec<u16>> = (0..total).into_par_iter().map(list).collect();
+        let all: Vec<Vec<u16>> = (0..total)
+            .into_par_iter()
+            .map(|cell: usize| {
+                let place =
+                    [cell % counts[0], cell / counts[0] % counts[1], cell / counts[0] / counts[1]];
+                fn corner(
+                    step: usize,
+                    size: Vector3<f64>,
+                    place: [usize; 3],
+                    bounds_0: Point3<f64>,
+                ) -> Vector3<f64> {
+                    Vector3::from_fn(|axis, _| {
+                        bounds_0[axis] + size[axis] * (place[axis] + step) as f64
+                    })
+                }
+                relevant(
+                    terms,
+                    corner(0, size, place, bounds.0),
+                    corner(1, size, place, bounds.0),
+                    share,
+                )
+            })
+            .collect();
         let mut starts = Vec::with_capacity(total + 1);
         starts.push(0);
         all.iter().fold(0, |start, list| {
@@ -182,11 +194,12 @@ fn relevant(terms: &[Term], low: Vector3<f64>, high: Vector3<f64>, share: f64) -
         return Vec::new();
     };
     // The logarithm of the most that a term has of the greatest.
-    let most = |term: &Term| {
-        let most = |axis: usize| most_on_axis(term, greatest, axis, low[axis], high[axis]);
-        term.bump.level - greatest.bump.level + most(0) + most(1) + most(2)
-    };
-    let mut terms = Vec::from_iter((0..).zip(terms.iter().map(most)));
+    let mut terms: Vec<_> = (0..)
+        .zip(terms.iter().map(|term| {
+            let most = |axis: usize| most_on_axis(term, greatest, axis, low[axis], high[axis]);
+            term.bump.level - greatest.bump.level + most(0) + most(1) + most(2)
+        }))
+        .collect();
     terms.sort_unstable_by(|a: &(u16, f64), b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
     let sums = terms.iter().scan(0.0, |sum, (_, most)| {
         *sum += libm::exp2(*most);
@@ -201,8 +214,10 @@ fn relevant(terms: &[Term], low: Vector3<f64>, high: Vector3<f64>, share: f64) -
 
 /// The greatest difference of the parts of two exponents that belong to an axis, between two coordinates.
 fn most_on_axis(a: &Term, b: &Term, axis: usize, low: f64, high: f64) -> f64 {
-    let of = |term: &Term| (term.bump.factor[axis], term.bump.center[axis]);
-    let ((fa, ca), (fb, cb)) = (of(a), of(b));
+    fn of(term: &Term, axis: usize) -> (f64, f64) {
+        (term.bump.factor[axis], term.bump.center[axis])
+    }
+    let ((fa, ca), (fb, cb)) = (of(a, axis), of(b, axis));
     let difference = |x: f64| fa * (x - ca) * (x - ca) - fb * (x - cb) * (x - cb);
     let ends = f64::max(difference(low), difference(high));
     let top = (fa * ca - fb * cb) / (fa - fb);

@@ -243,15 +243,19 @@ fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     let (low, high) = points
         .iter()
         .fold(start, |(low, high), point| (low.inf(&point.coords), high.sup(&point.coords)));
-    let least = |Term { bump: Bump { center, factor, level }, .. }: &Term| {
+    fn least(
+        Term { bump: Bump { center, factor, level }, .. }: &Term,
+        low: Vector3<f64>,
+        high: Vector3<f64>,
+    ) -> f64 {
         let of_axis = |axis: usize| {
             let far = (low[axis] - center[axis]).abs().max((high[axis] - center[axis]).abs());
             far * (far * factor[axis])
         };
         level + of_axis(0) + of_axis(1) + of_axis(2)
-    };
+    }
     // A little more than the least, because the sums there are rounded in another order.
-    terms.iter().all(|term| least(term) > simd::LEAST + 1.0)
+    terms.iter().all(|term| least(term, low, high) > simd::LEAST + 1.0)
 }
 
 /// The terms, the points, and where they go.

@@ -50,14 +50,16 @@ pub(crate) fn field(
     evaluate: &Evaluate<'_>,
     progress: &Progress<'_>,
 ) -> Result<Field, Cancelled> {
-    let count = |wanted: bool| if wanted { points.len() } else { 0 };
+    fn count(wanted: bool, points: &[Point3<f64>]) -> usize {
+        if wanted { points.len() } else { 0 }
+    }
     let mut field = Field {
         rows: None,
         positions: huge_vec(points.len()),
-        normals: huge_vec(count(wanted.normals.is_some())),
-        folded: huge_vec(count(wanted.folds)),
+        normals: huge_vec(count(wanted.normals.is_some(), points)),
+        folded: huge_vec(count(wanted.folds, points)),
         least: f64::INFINITY,
-        jacobians: huge_vec(count(wanted.jacobians)),
+        jacobians: huge_vec(count(wanted.jacobians, points)),
     };
     let with_derivatives = wanted.folds || wanted.jacobians || wanted.normals.is_some();
     let n_chunks = points.len().div_ceil(chunk);
@@ -136,7 +138,7 @@ pub(crate) fn spread<T: Copy>(
 
 /// The chunks of a list; nothing for each chunk of one that is not wanted.
 fn parts<T>(list: &mut [T], chunk: usize, n_chunks: usize) -> Vec<Option<&mut [T]>> {
-    let mut parts = Vec::from_iter(list.chunks_mut(chunk).map(Some));
+    let mut parts: Vec<_> = list.chunks_mut(chunk).map(Some).collect();
     parts.resize_with(n_chunks, || None);
     parts
 }

@@ -61,12 +61,16 @@ impl Gaussians {
         background: f64,
     ) -> Self {
         let greatest = weights.iter().copied().fold(0.0, f64::max);
-        let bump = |index: usize| Bump {
-            center: centers[index].into(),
-            factor: sigma[index].map(|s| f64::max(-LOG2_E / (2.0 * s * s), STEEPEST)),
-            level: libm::log2(weights[index]) - libm::log2(greatest),
-        };
-        Self { bumps: (0..centers.len()).map(bump).collect(), background: background / greatest }
+        Self {
+            bumps: (0..centers.len())
+                .map(|index: usize| Bump {
+                    center: centers[index].into(),
+                    factor: sigma[index].map(|s| f64::max(-LOG2_E / (2.0 * s * s), STEEPEST)),
+                    level: libm::log2(weights[index]) - libm::log2(greatest),
+                })
+                .collect(),
+            background: background / greatest,
+        }
     }
 
     /// The share of each at a point. Powers are taken from the greatest exponent, so that none of the sums vanishes however
@@ -122,9 +126,9 @@ mod tests {
     #[test]
     fn shares_are_those_of_the_definition() {
         let point = Point3::new(0.2, -0.1, 0.4);
-        let gaussian = |d: [f64; 3], s: [f64; 3], w: f64| {
+        fn gaussian(d: [f64; 3], s: [f64; 3], w: f64) -> f64 {
             w * libm::exp(-(0..3).map(|k| d[k] * d[k] / (2.0 * s[k] * s[k])).sum::<f64>())
-        };
+        }
         let values = [
             gaussian([0.2, -0.1, 0.4], [0.3, 0.2, 0.5], 1.0),
             gaussian([-0.8, -0.1, 0.4], [0.5; 3], 4.0),

@@ -129,28 +129,32 @@ pub(crate) fn chosen(
     let sides = Handles::new(HandleSpace::Box, &[unit])?.in_world(bounds)?.sigma()[0];
     let scaled: Vec<Vector3<f64>> =
         world.at().iter().map(|at| (at - bounds.0).component_div(&Vector3::from(sides))).collect();
-    let reach = |index: usize| {
+    fn reach(index: usize, scaled: &[Vector3<f64>], mode: &Mode) -> f64 {
         let others = scaled.iter().map(|other| (other - scaled[index]).norm());
         let mut distances: Vec<f64> = others.filter(|distance| *distance > 0.0).collect();
         distances.sort_by(f64::total_cmp);
         distances.truncate(NEIGHBORS);
         let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-        if mode == Mode::Absolute || !(0.0..f64::INFINITY).contains(&mean) {
+        if *mode == Mode::Absolute || !(0.0..f64::INFINITY).contains(&mean) {
             1.0
         } else {
             REACH * mean
         }
-    };
-    let sigma = |(index, given): (usize, &[f64; 3])| {
-        if *given != [0.0; 3] {
-            return *given;
-        }
-        let reach = reach(index);
-        sides.map(|side| reach * side)
-    };
+    }
     let layout = Layout {
         at: world.at().to_vec(),
-        sigma: world.sigma().iter().enumerate().map(sigma).collect(),
+        sigma: world
+            .sigma()
+            .iter()
+            .enumerate()
+            .map(|(index, given)| {
+                if *given != [0.0; 3] {
+                    return *given;
+                }
+                let reach = reach(index, &scaled, &mode);
+                sides.map(|side| reach * side)
+            })
+            .collect(),
         weight: world.weight().to_vec(),
         mode,
         background: 0.0,

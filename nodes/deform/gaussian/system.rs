@@ -164,14 +164,14 @@ impl Polynomial {
 
     /// The affine map of three combinations of the functions, one per axis; none without functions.
     pub(crate) fn combine(&self, axes: [&[f64]; 3]) -> Option<Affine> {
-        let gradient = |terms: &[f64]| -> Vector3<f64> {
-            let linear = self.directions.iter().zip(&terms[1..]);
-            linear.map(|(direction, term)| direction * (term / self.scale)).sum()
-        };
         (self.terms > 0).then(|| Affine {
             origin: self.origin.coords,
             shift: Vector3::from(axes.map(|terms| terms[0])),
-            linear: Matrix3::from_columns(&axes.map(gradient)).transpose(),
+            linear: Matrix3::from_columns(&axes.map(|terms| -> Vector3<f64> {
+                let linear = self.directions.iter().zip(&terms[1..]);
+                linear.map(|(direction, term)| direction * (term / self.scale)).sum()
+            }))
+            .transpose(),
         })
     }
 }

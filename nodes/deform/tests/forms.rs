@@ -24,9 +24,9 @@ fn handles_meet_their_targets_in_every_form() {
 fn unmoved_handles_change_no_bit() {
     let mut points = Random(2).points(1000);
     points.extend([Point3::new(-0.0, 1e300, -1e-310), Point3::new(0.0, -0.0, 1e9)]);
-    let bits = |points: &[Point3<f64>]| -> Vec<u64> {
+    fn bits(points: &[Point3<f64>]) -> Vec<u64> {
         points.iter().flat_map(|point| point.coords.iter().map(|x| x.to_bits())).collect::<Vec<_>>()
-    };
+    }
     for mode in [Mode::Displacement, Mode::Affine] {
         let there = moved(&points, &corners([0.5, 0.3, 2.0]), how(mode));
         assert_eq!(bits(&there), bits(&points), "{mode:?}");
@@ -58,9 +58,11 @@ fn a_point_is_the_same_whether_its_sums_vanish_or_not() {
         handle(Point3::origin(), Point3::new(0.1, 0.0, 0.0), [0.05; 3]),
         handle(Point3::new(0.1, 0.0, 0.0), Point3::new(0.1, 0.1, 0.0), [0.05; 3]),
     ];
-    let at = |x: f64| moved(&[Point3::new(0.05, x, 0.0)], &handles, how(Mode::Displacement))[0];
+    fn at(x: f64, handles: &[Handle]) -> Point3<f64> {
+        moved(&[Point3::new(0.05, x, 0.0)], handles, how(Mode::Displacement))[0]
+    }
     let border = (2.0 * 150.0 * std::f64::consts::LN_10).sqrt() * 0.05;
-    let steps = (0..200).map(|k| at(border * (0.99 + 1e-4 * f64::from(k))));
+    let steps = (0..200).map(|k| at(border * (0.99 + 1e-4 * f64::from(k)), &handles));
     let steps: Vec<f64> = steps.map(|point| point.x).collect();
     assert!(steps.windows(2).all(|pair| (pair[0] - pair[1]).abs() <= 1e-13));
 }
@@ -111,13 +113,16 @@ fn a_single_handle_moves_everything_rigidly() {
 #[test]
 fn the_affine_form_reproduces_affine_motions_of_handles() {
     let linear = Matrix3::new(0.8, 0.3, -0.2, 0.1, 1.2, 0.4, 0.5, -0.1, 0.9);
-    let map = |point: Point3<f64>| Point3::from(linear * point.coords + Vector3::new(3., -1., 2.));
+    fn map(point: Point3<f64>, linear: &Matrix3<f64>) -> Point3<f64> {
+        Point3::from(*linear * point.coords + Vector3::new(3., -1., 2.))
+    }
     let mut random = Random(8);
     let points = random.points(100);
-    let expected: Vec<_> = points.iter().map(|&point| map(point)).collect();
+    let expected: Vec<_> = points.iter().map(|&point| map(point, &linear)).collect();
     for (count, regularize) in [(4, 0.0), (5, 0.0), (30, 0.0), (30, 0.01)] {
         let places = random.points(count);
-        let handles: Vec<_> = places.iter().map(|&at| handle(at, map(at), [0.2; 3])).collect();
+        let handles: Vec<_> =
+            places.iter().map(|&at| handle(at, map(at, &linear), [0.2; 3])).collect();
         let there = moved(&points, &handles, (Mode::Affine, Deforming { regularize, ..in_unit() }));
         assert!(farthest(&there, &expected) <= 1e-10, "{count}: {}", farthest(&there, &expected));
     }
@@ -129,7 +134,9 @@ fn the_affine_form_does_with_fewer_directions_where_handles_are_flat() {
     let plane = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.], [0.3, 0.6, 0.]];
     let line = [[0.; 3], [0.5, 0.25, 0.], [1., 0.5, 0.]];
     for places in [&plane[..], &line, &plane[..1], &plane[..2]] {
-        let turn = |at: &[f64; 3]| Point3::new(-at[1], at[0], at[2] + 0.1);
+        fn turn(at: &[f64; 3]) -> Point3<f64> {
+            Point3::new(-at[1], at[0], at[2] + 0.1)
+        }
         let handles: Vec<_> =
             places.iter().map(|at| handle(Point3::from(*at), turn(at), [0.4; 3])).collect();
         let at: Vec<_> = places.iter().map(|&at| Point3::from(at)).collect();
@@ -221,10 +228,15 @@ fn points_stay_in_the_hull_of_the_coefficients() {
     let there = moved(&points, &handles, how(Mode::Absolute));
     for _ in 0..100 {
         let direction = random.point() - Point3::new(0.5, 0.5, 0.5);
-        let reach = |point: Vector3<f64>| point.dot(&direction);
-        let values = deformation.terms.iter().map(|term| reach(term.value.into()));
+        fn reach(point: Vector3<f64>, direction: Vector3<f64>) -> f64 {
+            point.dot(&direction)
+        }
+        let values = deformation.terms.iter().map(|term| reach(term.value.into(), direction));
         let hull = values.fold(f64::NEG_INFINITY, f64::max);
-        let most = there.iter().map(|point| reach(point.coords)).fold(f64::NEG_INFINITY, f64::max);
+        let most = there
+            .iter()
+            .map(|point| reach(point.coords, direction))
+            .fold(f64::NEG_INFINITY, f64::max);
         assert!(most <= hull + 1e-13, "{most} {hull}");
     }
 }
@@ -232,24 +244,23 @@ fn points_stay_in_the_hull_of_the_coefficients() {
 #[test]
 fn a_wider_ninth_handle_moves_more_points() {
     let points = Random(13).points(4000);
-    let moved_by = |sigma: f64| {
+    let counts = [0.1, 0.2, 0.4].map(|sigma: f64| {
         let mut handles = corners([0.5; 3]);
         let at = Point3::new(0.5, 0.3, 0.9);
         handles.push(handle(at, at + Vector3::new(0.0, 0.0, 0.15), [sigma; 3]));
         let how = (Mode::Displacement, Deforming { background: 0.01, ..in_unit() });
         let there = moved(&points, &handles, how);
         points.iter().zip(&there).filter(|(a, b)| (*b - *a).norm() > 0.0015).count()
-    };
-    let counts = [0.1, 0.2, 0.4].map(moved_by);
+    });
     assert!(counts[0] < counts[1] && counts[1] < counts[2], "{counts:?}");
 }
 
 #[test]
 fn only_displacements_have_a_background_and_numbers_are_checked() {
     let base = in_unit();
-    let check = |mode: Mode, how: Deforming| {
+    fn check(mode: Mode, how: Deforming) -> Result<(), FfdError> {
         try_move(&[Point3::origin()], &corners([1.0; 3]), (mode, how)).map(|_| ())
-    };
+    }
     for mode in [Mode::Absolute, Mode::Affine] {
         let wrong = Deforming { background: 0.1, ..base };
         assert_eq!(check(mode, wrong), Err(FfdError::Background { background: 0.1 }));

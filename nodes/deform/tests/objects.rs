@@ -12,16 +12,37 @@ fn apply(what: &Movable, handles: &[Handle], (mode, how): (Mode, Deforming)) -> 
 
 /// A sheet of quads in the unit square at this height, with normals up.
 fn sheet(sides: usize, height: f64) -> Mesh {
-    let point = |k: usize| {
-        let at = |k: usize| k as f64 / sides as f64;
-        Point3::new(at(k % (sides + 1)), at(k / (sides + 1)), height)
-    };
-    let corner = |k: usize| (k / sides * (sides + 1) + k % sides) as u32;
+    fn corner(k: usize, sides: usize) -> u32 {
+        (k / sides * (sides + 1) + k % sides) as u32
+    }
     let next = sides as u32 + 1;
-    let quad = |k: usize| [corner(k), corner(k) + 1, corner(k) + next + 1, corner(k) + next];
-    let faces = Faces::uniform(4, (0..sides * sides).flat_map(quad).collect::<Vec<_>>()).unwrap();
+    let faces = Faces::uniform(
+        4,
+        (0..sides * sides)
+            .flat_map(|k: usize| {
+                [
+                    corner(k, sides),
+                    corner(k, sides) + 1,
+                    corner(k, sides) + next + 1,
+                    corner(k, sides) + next,
+                ]
+            })
+            .collect::<Vec<_>>(),
+    )
+    .unwrap();
     let count = (sides + 1) * (sides + 1);
-    let mesh = Mesh::new((0..count).map(point).collect::<Vec<_>>(), faces).unwrap();
+    let mesh = Mesh::new(
+        (0..count)
+            .map(|k: usize| {
+                fn at(k: usize, sides: usize) -> f64 {
+                    k as f64 / sides as f64
+                }
+                Point3::new(at(k % (sides + 1), sides), at(k / (sides + 1), sides), height)
+            })
+            .collect::<Vec<_>>(),
+        faces,
+    )
+    .unwrap();
     let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; count].into());
     let corners = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 4 * sides * sides].into());
     let uv = Attribute::Pair(vec![[0.25, 0.5]; count].into());
@@ -71,12 +92,12 @@ fn normals_of_a_bent_sheet_are_near_those_of_its_faces() {
 
 #[test]
 fn folds_are_counted_and_marked_and_their_marks_do_not_stay() {
-    let pulled = |far: f64| {
+    fn pulled(far: f64) -> Vec<Handle> {
         let mut handles = corners([0.5; 3]);
         let at = Point3::new(0.5, 0.5, 0.5);
         handles.push(handle(at, at + Vector3::new(far, 0.0, 0.0), [0.15; 3]));
         handles
-    };
+    }
     let how = (Mode::Displacement, Deforming { background: 0.01, ..in_unit() });
     let (calm, report) = apply(&Movable::Mesh(sheet(40, 0.5)), &pulled(0.05), how);
     assert_eq!(report.folded, 0);
@@ -109,7 +130,9 @@ fn what_a_pull_does_not_reach_stays_to_the_bit() {
                 (apply(&what, &handles, exact), apply(&what, &handles, near));
             let (at, to) = (object::points(&all), object::points(&some));
             assert!(farthest(at, to) <= 1e-6 * 3_f64.sqrt());
-            let bits = |place: &Point3<f64>| [place.x, place.y, place.z].map(f64::to_bits);
+            fn bits(place: &Point3<f64>) -> [u64; 3] {
+                [place.x, place.y, place.z].map(f64::to_bits)
+            }
             let rest = to.iter().zip(sheet.positions().iter());
             let rest = rest.filter(|(to, at)| bits(to) == bits(at)).count();
             assert!((6000..9900).contains(&rest), "{rest}");
@@ -177,14 +200,18 @@ fn the_box_is_that_of_the_object_or_of_another() {
         [Handle { at: [1.0, 1.0, 0.0], to: Some([1.5, 1.0, 0.0]), sigma: None, weight: 1.0 }];
     let handles = Handles::new(HandleSpace::Box, &handles).unwrap();
     let what = Movable::Points(Points::new(points.to_vec()).unwrap());
-    let first = |frame| {
+    fn first(
+        frame: Option<(Point3<f64>, Point3<f64>)>,
+        what: &Movable,
+        handles: &Handles,
+    ) -> Point3<f64> {
         let how = Deforming { frame, ..Deforming::default() };
-        let (moved, _) = ffd(&what, &handles, Mode::default(), how, &Progress::none()).unwrap();
+        let (moved, _) = ffd(what, handles, Mode::default(), how, &Progress::none()).unwrap();
         let Movable::Points(moved) = moved else { panic!("points stay points") };
         moved.positions()[0]
-    };
-    assert_eq!(first(None), Point3::new(3.0, 2.0, 2.0));
-    assert_eq!(first(Some(UNIT)), Point3::new(2.5, 2.0, 2.0));
+    }
+    assert_eq!(first(None, &what, &handles), Point3::new(3.0, 2.0, 2.0));
+    assert_eq!(first(Some(UNIT), &what, &handles), Point3::new(2.5, 2.0, 2.0));
 }
 
 #[test]
@@ -194,13 +221,22 @@ fn any_number_of_threads_gives_the_same_bits() {
     let mesh = Movable::Mesh(sheet(150, 0.4));
     for accuracy in [0.0, 1e-7] {
         let how = (Mode::Affine, Deforming { accuracy, ..in_unit() });
-        let run = |threads| {
+        fn run(
+            threads: usize,
+            mesh: &Movable,
+            handles: &[Handle],
+            how: &(Mode, Deforming),
+        ) -> maquette_value::Hash {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let (moved, _) = pool.install(|| apply(&mesh, &handles, how));
+            let (moved, _) = pool.install(|| apply(mesh, handles, *how));
             let mesh = mesh_of(moved);
             maquette_value::hash_of(&mesh)
-        };
-        assert!([2, 8].iter().all(|&threads| run(threads) == run(1)));
+        }
+        assert!(
+            [2, 8].iter().all(
+                |&threads| run(threads, &mesh, &handles, &how) == run(1, &mesh, &handles, &how)
+            )
+        );
     }
 }
 
@@ -223,7 +259,9 @@ fn a_drag_gives_what_a_deformation_gives() {
         let (expected, direct) = apply(&mesh, &now, how(mode));
         let (there, expected) = (mesh_of(there), mesh_of(expected));
         assert!(farthest(there.positions(), expected.positions()) <= 1e-12, "{mode:?}");
-        let normals = |mesh: &Mesh| mesh.vertex().vectors("normal").unwrap().to_vec();
+        fn normals(mesh: &Mesh) -> Vec<[f64; 3]> {
+            mesh.vertex().vectors("normal").unwrap().to_vec()
+        }
         for (a, b) in normals(&there).into_iter().zip(normals(&expected)) {
             assert!((Vector3::from(a) - Vector3::from(b)).norm() <= 1e-9);
         }

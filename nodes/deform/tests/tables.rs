@@ -9,8 +9,10 @@ fn squeeze(sigma: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let steps: Vec<Vector3<f64>> = points.iter().zip(&there).map(|(a, b)| b - a).collect();
     let most = steps.iter().map(|step| step.norm()).fold(0.0, f64::max);
     let rms = (steps.iter().map(|step| step.norm_squared()).sum::<f64>() / 4000.0).sqrt();
-    let axis = |axis: usize| steps.iter().map(|step| step[axis].abs()).fold(0.0, f64::max);
-    (most, rms, [axis(0), axis(1), axis(2)])
+    fn axis(axis: usize, steps: &[Vector3<f64>]) -> f64 {
+        steps.iter().map(|step| step[axis].abs()).fold(0.0, f64::max)
+    }
+    (most, rms, [axis(0, &steps), axis(1, &steps), axis(2, &steps)])
 }
 
 /// Sampled maxima are the same within 2 percent; the last numbers of the table have one digit.
@@ -57,8 +59,9 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
         let prepared = prepare(&in_world(&handles), UNIT, Mode::Displacement, 0.0, 0.0).unwrap();
         let system = solve(&handles, Mode::Displacement);
         let deformation = pull::deformation(&prepared, &system);
-        let value = |k: usize| Vector3::from(deformation.terms[k].value).norm();
-        let greatest = (0..9).map(value).fold(0.0, f64::max);
+        let greatest = (0..9)
+            .map(|k: usize| Vector3::from(deformation.terms[k].value).norm())
+            .fold(0.0, f64::max);
         let (_, report) = try_move(&[Point3::origin()], &handles, how(Mode::Displacement)).unwrap();
         let found = condition(&handles);
         assert!((found * distance * distance / 1.34 - 1.0).abs() <= 0.06, "{distance}: {found}");

@@ -119,10 +119,10 @@ impl<'a> Carry<'a> {
             }
             Attribute::Pair(column) => Attribute::Pair(self.spread(column, |x| x, |x| x).into()),
             Attribute::Vector(column) => Attribute::Vector(self.voted(column, |x| x, |x| x).into()),
-            Attribute::Color(column) => {
-                let read = |color: [u8; 3]| color.map(light);
-                Attribute::Color(self.voted(column, read, |color| color.map(channel)).into())
-            }
+            Attribute::Color(column) => Attribute::Color(
+                self.voted(column, |color: [u8; 3]| color.map(light), |color| color.map(channel))
+                    .into(),
+            ),
             Attribute::Index(_) | Attribute::Flag(_) => attribute.select(&self.examples()),
         }
     }
@@ -235,8 +235,13 @@ impl<'a> Carry<'a> {
                 sums[vertex as usize - filling.data] += area;
             }
         }
-        let unit = |sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default().into();
-        data.iter().copied().chain(sums.into_iter().map(unit)).collect()
+        data.iter()
+            .copied()
+            .chain(
+                sums.into_iter()
+                    .map(|sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default().into()),
+            )
+            .collect()
     }
 }
 

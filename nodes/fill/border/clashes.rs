@@ -16,10 +16,10 @@ pub(crate) fn check_rims(
     holes: &[Vec<u32>],
 ) -> Result<(), NotManifold> {
     let mut spokes: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
-    let spoke = |face: [u32; 3], vertex: u32| {
+    fn spoke(face: [u32; 3], vertex: u32) -> [u32; 2] {
         let k = (0..3).find(|&k| face[k] == vertex).unwrap_or(0);
         [face[(k + 1) % 3], face[(k + 2) % 3]]
-    };
+    }
     for &vertex in holes.iter().flatten() {
         let one_ring = one_rings.of(vertex).iter();
         spokes.insert(vertex, one_ring.map(|&face| spoke(face, vertex)).collect());

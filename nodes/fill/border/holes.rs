@@ -64,17 +64,13 @@ pub(crate) fn choose(
     }
     let is_outer = outer_borders(mesh, components, rims);
     let (outer, holes): (Vec<usize>, Vec<usize>) = (0..rims.len()).partition(|&rim| is_outer[rim]);
-    let length = |rim: &usize| length(mesh, &rims[*rim]);
-    let longest = |rims: &[usize]| {
-        rims.iter().copied().max_by(|a, b| length(a).total_cmp(&length(b)).then(b.cmp(a)))
-    };
-    let kept = |rims: Vec<usize>, keep: &dyn Fn(usize) -> bool| -> Vec<usize> {
+    fn kept(rims: Vec<usize>, keep: &dyn Fn(usize) -> bool) -> Vec<usize> {
         rims.into_iter().filter(|&rim| keep(rim)).collect()
-    };
+    }
     Ok(match choice {
         HoleChoice::All | HoleChoice::Loops(_) => Chosen { holes, outer },
         HoleChoice::Largest => {
-            let holes: Vec<usize> = longest(&holes).into_iter().collect();
+            let holes: Vec<usize> = longest(mesh, rims, &holes).into_iter().collect();
             let outer = if holes.is_empty() { outer } else { Vec::new() };
             Chosen { holes, outer }
         }
@@ -94,6 +90,12 @@ fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
     ends.map(|(&a, &b)| (mesh.positions()[b as usize] - mesh.positions()[a as usize]).norm()).sum()
 }
 
+/// The longest of some rims, the first of several; `None` without rims.
+fn longest(mesh: &Mesh, rims: &[Vec<u32>], candidates: &[usize]) -> Option<usize> {
+    let length = |rim: usize| length(mesh, &rims[rim]);
+    candidates.iter().copied().max_by(|&a, &b| length(a).total_cmp(&length(b)).then(b.cmp(&a)))
+}
+
 /// The connected components of a mesh.
 pub(crate) struct Components {
     /// The number of the component of each vertex.
@@ -107,17 +109,32 @@ impl Components {
         let of_vertices = connected_components(mesh);
         let count = of_vertices.iter().max().map_or(0, |&last| last as usize + 1);
         let mut areas = vec![(0.0, Vector3::zeros()); count];
-        let mut add = |vertex: u32, area: Vector3<f64>| {
+        fn add(
+            vertex: u32,
+            area: Vector3<f64>,
+            areas: &mut Vec<(f64, Vector3<f64>)>,
+            of_vertices: &[u32],
+        ) {
             let (sum, side) = &mut areas[of_vertices[vertex as usize] as usize];
             *sum += area.norm();
             *side += area;
-        };
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        }
         match mesh.faces().as_triangles() {
             Some(faces) => {
-                faces.iter().for_each(|face| add(face[0], area_vector(face.map(place)) / 2.0));
+                faces.iter().for_each(|face| {
+                    add(
+                        face[0],
+                        area_vector(face.map(|vertex: u32| mesh.positions()[vertex as usize]))
+                            / 2.0,
+                        &mut areas,
+                        &of_vertices,
+                    )
+                });
             }
-            None => mesh.faces().iter().for_each(|face| add(face[0], mesh.area_vector(face))),
+            None => mesh
+                .faces()
+                .iter()
+                .for_each(|face| add(face[0], mesh.area_vector(face), &mut areas, &of_vertices)),
         }
         Self { of_vertices, areas }
     }

@@ -32,12 +32,13 @@ impl OneRings {
             .filter(|face| face.iter().any(|&vertex| places[vertex as usize] != NONE))
             .copied()
             .collect();
-        let on_rims = |face: &[u32; 3]| {
-            let face = *face;
-            let places = face.map(|vertex| places[vertex as usize]).into_iter();
-            places.filter(|&place| place != NONE).map(move |place| (place, face))
-        };
-        let triangles = Lists::group(shared.len(), || near.iter().flat_map(on_rims));
+        let triangles = Lists::group(shared.len(), || {
+            near.iter().flat_map(|face| {
+                let face = *face;
+                let places = face.map(|vertex| places[vertex as usize]).into_iter();
+                places.filter(|&place| place != NONE).map(move |place| (place, face))
+            })
+        });
         Self { places, triangles, shared }
     }
 
@@ -75,10 +76,10 @@ impl Rim {
         let place = |vertex: u32| filling.points[vertex as usize];
         let mut places: Vec<(u32, u32)> = vertices.iter().copied().zip(0..).collect();
         places.sort_unstable();
-        let on_rim = |vertex: u32| {
+        fn on_rim(vertex: u32, places: &[(u32, u32)]) -> Option<u32> {
             let found = places.binary_search_by_key(&vertex, |(vertex, _)| *vertex);
             found.ok().map(|index| places[index].1)
-        };
+        }
         let mut rim = Self {
             vertices: vertices.to_vec(),
             points: vertices.iter().map(|&vertex| place(vertex)).collect(),
@@ -110,7 +111,7 @@ impl Rim {
                 for &other in face.iter().filter(|other| **other != vertex) {
                     length += (place(other) - place(vertex)).norm();
                     edges += 1.0;
-                    match on_rim(other) {
+                    match on_rim(other, &places) {
                         Some(at) if other != after && other != before => taken.push(at),
                         Some(_) => {}
                         None => ring.push(other),
@@ -129,16 +130,15 @@ impl Rim {
         ring.sort_unstable();
         ring.dedup();
         rim.ring = ring.iter().map(|&vertex| place(vertex)).collect();
-        let local = |vertex: u32| match on_rim(vertex) {
-            Some(at) => at,
-            None => count as u32 + ring.binary_search(&vertex).unwrap_or(0) as u32,
-        };
         for &vertex in vertices {
             for face in one_rings.of(vertex) {
                 // A triangle at several vertices of the rim counts once: at the lowest one.
-                let lowest = face.iter().filter(|&&corner| on_rim(corner).is_some()).min();
+                let lowest = face.iter().filter(|&&corner| on_rim(corner, &places).is_some()).min();
                 if lowest == Some(&vertex) {
-                    rim.triangles.push(face.map(local));
+                    rim.triangles.push(face.map(|vertex: u32| match on_rim(vertex, &places) {
+                        Some(at) => at,
+                        None => count as u32 + ring.binary_search(&vertex).unwrap_or(0) as u32,
+                    }));
                 }
             }
         }

@@ -80,8 +80,13 @@ impl<'a> VertexFaces<'a> {
             let mut beside = Vec::with_capacity(corners.len());
             let mut first = 0;
             for sides in faces.iter().map(|face| face.len() as u32) {
-                let place = |k: u32| first + k % sides;
-                beside.extend((0..sides).map(|k| [place(k + 1), place(k + sides - 1)]));
+                fn place(k: u32, first: u32, sides: u32) -> u32 {
+                    first + k % sides
+                }
+                beside.extend(
+                    (0..sides)
+                        .map(|k| [place(k + 1, first, sides), place(k + sides - 1, first, sides)]),
+                );
                 first += sides;
             }
             beside
@@ -131,14 +136,13 @@ impl<'a> VertexFaces<'a> {
     }
 
     fn inspect(&self, vertex: u32, found: &mut Found) {
-        let spoke = |&corner: &u32| {
+        let Found { edges, vertices, border, spokes } = found;
+        spokes.clear();
+        spokes.extend(self.by_vertex.of(vertex as usize).iter().map(|&corner| {
             let beside = [self.next(corner), self.previous(corner)];
             let [after, before] = beside.map(|corner| self.corners[corner as usize]);
             Spoke { after, before, corner }
-        };
-        let Found { edges, vertices, border, spokes } = found;
-        spokes.clear();
-        spokes.extend(self.by_vertex.of(vertex as usize).iter().map(spoke));
+        }));
         if spokes.len() <= FEW && is_closed(spokes) {
             return;
         }
@@ -183,7 +187,7 @@ fn is_closed(spokes: &[Spoke]) -> bool {
 /// vertices after and before the one in the middle, sorted.
 pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     let mut met = vec![false; spokes.len()];
-    let mut walk = |start: usize| {
+    fn walk(start: usize, met: &mut Vec<bool>, spokes: &[[u32; 2]]) {
         let mut at = start;
         loop {
             met[at] = true;
@@ -194,12 +198,14 @@ pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
                 Err(_) => return,
             }
         }
-    };
+    }
     let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke[1]).collect();
     ends.sort_unstable();
-    let begins = |spoke: &[u32; 2]| ends.binary_search(&spoke[0]).is_err();
-    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k])).collect();
-    open.iter().for_each(|&start| walk(start));
+    fn begins(spoke: &[u32; 2], ends: &[u32]) -> bool {
+        ends.binary_search(&spoke[0]).is_err()
+    }
+    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k], &ends)).collect();
+    open.iter().for_each(|&start| walk(start, &mut met, spokes));
     let mut fans = open.len();
     let mut closed = 0;
     while let Some(start) = met.iter().position(|met| !met) {
@@ -281,10 +287,13 @@ impl Walk<'_> {
         let mut edges = self.unused(at);
         let first = edges.next()?;
         let Some(second) = edges.next() else { return Some(first) };
-        let place = |vertex: u32| self.mesh.positions()[vertex as usize];
-        let back = (place(from) - place(at)).normalize();
+        fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        let back = (place(from, self.mesh) - place(at, self.mesh)).normalize();
         let fits = |edge: u32| {
-            let ahead = (place(self.edges[edge as usize].to) - place(at)).normalize();
+            let ahead =
+                (place(self.edges[edge as usize].to, self.mesh) - place(at, self.mesh)).normalize();
             let same_fan = self.is_same_fan(from, at, self.edges[edge as usize].to);
             (u8::from(!same_fan), ahead.dot(&back))
         };
@@ -331,10 +340,12 @@ fn spokes(faces: &Faces, vertex: u32) -> Vec<[u32; 2]> {
 
 /// The vector area of a rim: half the sum of the cross products along it.
 pub(crate) fn enclosed(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
     let Some(&first) = rim.first() else { return Vector3::zeros() };
-    let origin = place(first);
+    let origin = place(first, mesh);
     rim.windows(2)
-        .map(|pair| (place(pair[0]) - origin).cross(&(place(pair[1]) - origin)) / 2.0)
+        .map(|pair| (place(pair[0], mesh) - origin).cross(&(place(pair[1], mesh) - origin)) / 2.0)
         .sum()
 }

@@ -61,14 +61,16 @@ impl Charts {
     /// Finds the segments; none unless there are at least two, which together take in the whole rim.
     pub(crate) fn around(filling: &Filling, rim: &Rim) -> Option<Self> {
         let faces = band(filling, rim);
-        let place = |vertex: u32| filling.points[vertex as usize];
-        let areas: Vec<Vector3<f64>> =
-            faces.iter().map(|face| area_vector(face.map(place))).collect();
+        let areas: Vec<Vector3<f64>> = faces
+            .iter()
+            .map(|face| area_vector(face.map(|vertex: u32| filling.points[vertex as usize])))
+            .collect();
         let mean = areas.iter().map(|area| area.norm()).sum::<f64>() / areas.len() as f64;
         // Noise gives tiny faces any normals, so that they would connect segments that have nothing in common.
-        let counts = |face: &u32| areas[*face as usize].norm() > LEAST_AREA * mean;
         let mut neighbors = neighbors(&faces);
-        neighbors.retain(|pair| pair.iter().all(counts));
+        neighbors.retain(|pair| {
+            pair.iter().all(|face| areas[*face as usize].norm() > LEAST_AREA * mean)
+        });
         let normals = smoothed(&areas, &neighbors);
         let even = SHARP.iter().find_map(|&sharp| {
             let segments = smooth_segments(&normals, &neighbors, sharp);
@@ -94,11 +96,19 @@ impl Charts {
 
     /// Whether segments that meet at the rim do so at an angle.
     fn are_facets(&self, rim: &Rim) -> bool {
-        let normal = |chart: u32, k: usize| self.charts[chart as usize].distance(rim.points[k]).1;
+        fn normal(
+            chart: u32,
+            k: usize,
+            charts: &[Chart],
+            rim_points: &[Point3<f64>],
+        ) -> Vector3<f64> {
+            charts[chart as usize].distance(rim_points[k]).1
+        }
         (0..rim.len()).filter(|&k| self.of_rim[k].count_ones() == 2).all(|k| {
             let set = self.of_rim[k];
             let [a, b] = [set.trailing_zeros(), 31 - set.leading_zeros()];
-            normal(a, k).dot(&normal(b, k)) < FACETS
+            normal(a, k, &self.charts, &rim.points).dot(&normal(b, k, &self.charts, &rim.points))
+                < FACETS
         })
     }
 
@@ -116,11 +126,14 @@ impl Charts {
         }
         edges.sort_unstable();
         let count = rim.len();
-        let beyond = |k: usize| {
-            let ends = [rim.vertices[(k + 1) % count], rim.vertices[k]];
-            edges.binary_search_by_key(&ends, |edge| edge.0).map_or(NONE, |found| edges[found].1)
-        };
-        let of_edges: Vec<u32> = (0..count).map(beyond).collect();
+        let of_edges: Vec<u32> = (0..count)
+            .map(|k: usize| {
+                let ends = [rim.vertices[(k + 1) % count], rim.vertices[k]];
+                edges
+                    .binary_search_by_key(&ends, |edge| edge.0)
+                    .map_or(NONE, |found| edges[found].1)
+            })
+            .collect();
         let mut known: Vec<u32> = of_edges.clone();
         known.sort_unstable();
         known.dedup();
@@ -143,8 +156,11 @@ impl Charts {
             charts.push(Chart::fit(&points, normal.try_normalize(0.0)?, FIT * edge)?);
             members.push(points);
         }
-        let number = |segment: u32| known.binary_search(&segment).ok();
-        let numbers: Vec<Option<usize>> = of_edges.iter().map(|&segment| number(segment)).collect();
+        fn number(segment: u32, known: &[u32]) -> Option<usize> {
+            known.binary_search(&segment).ok()
+        }
+        let numbers: Vec<Option<usize>> =
+            of_edges.iter().map(|&segment| number(segment, &known)).collect();
         let of_rim = (0..count).map(|k| {
             let near = [numbers[(k + count - 1) % count], numbers[k]];
             near.iter().flatten().fold(0, |set, &number| set | 1 << number)
@@ -192,8 +208,11 @@ fn band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
     rim.vertices.iter().for_each(|&vertex| is_near[vertex as usize] = true);
     let mut faces = Vec::new();
     for _ in 0..ROWS {
-        let near = |face: &&[u32; 3]| face.iter().any(|&vertex| is_near[vertex as usize]);
-        faces = filling.faces[..filling.kept].iter().filter(near).copied().collect();
+        faces = filling.faces[..filling.kept]
+            .iter()
+            .filter(|face| face.iter().any(|&vertex| is_near[vertex as usize]))
+            .copied()
+            .collect();
         faces.as_flattened().iter().for_each(|&vertex| is_near[vertex as usize] = true);
     }
     faces
@@ -223,7 +242,9 @@ const DIFFERENCE: f64 = 0.2;
 ///
 /// Jones, Durand and Desbrun, "Non-iterative, feature-preserving mesh smoothing" (2003), with the normals alone.
 fn smoothed(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
-    let unit = |area: &Vector3<f64>| area.try_normalize(0.0).unwrap_or_default();
+    fn unit(area: &Vector3<f64>) -> Vector3<f64> {
+        area.try_normalize(0.0).unwrap_or_default()
+    }
     let mut normals: Vec<Vector3<f64>> = areas.iter().map(unit).collect();
     for _ in 0..SMOOTHINGS {
         let mut sums = normals.clone();

@@ -115,12 +115,17 @@ fn pieces(band: &Band<'_>) -> Vec<u32> {
         beside[a as usize].push(b);
         beside[b as usize].push(a);
     }
-    let normal = |face: u32| band.normals[face as usize];
-    let bend = |face: u32| {
-        let like = beside[face as usize].iter().map(|&other| normal(face).dot(&normal(other)));
+    fn normal(face: u32, band_normals: &[Vector3<f64>]) -> Vector3<f64> {
+        band_normals[face as usize]
+    }
+    fn bend(face: u32, beside: &[Vec<u32>], band_normals: &[Vector3<f64>]) -> f64 {
+        let like = beside[face as usize]
+            .iter()
+            .map(|&other| normal(face, band_normals).dot(&normal(other, band_normals)));
         like.fold(f64::INFINITY, f64::min)
-    };
-    let mut seeds: Vec<(f64, u32)> = (0..band.faces.len() as u32).map(|k| (bend(k), k)).collect();
+    }
+    let mut seeds: Vec<(f64, u32)> =
+        (0..band.faces.len() as u32).map(|k| (bend(k, &beside, band.normals), k)).collect();
     seeds.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let mut pieces = vec![NONE; band.faces.len()];
     for (_, seed) in seeds {
@@ -128,14 +133,14 @@ fn pieces(band: &Band<'_>) -> Vec<u32> {
             continue;
         }
         pieces[seed as usize] = seed;
-        let (mut sum, mut queue, mut next) = (normal(seed), vec![seed], 0);
+        let (mut sum, mut queue, mut next) = (normal(seed, band.normals), vec![seed], 0);
         while let Some(&face) = queue.get(next) {
             next += 1;
             for &other in &beside[face as usize] {
                 let is_free = pieces[other as usize] == NONE;
-                if is_free && normal(other).dot(&sum) > FLAT * sum.norm() {
+                if is_free && normal(other, band.normals).dot(&sum) > FLAT * sum.norm() {
                     pieces[other as usize] = seed;
-                    sum += normal(other);
+                    sum += normal(other, band.normals);
                     queue.push(other);
                 }
             }

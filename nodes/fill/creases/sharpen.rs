@@ -117,12 +117,18 @@ impl Sharp<'_> {
     fn choose_segments(&mut self) {
         for vertex in self.inner() {
             let point = self.triangulation.points[vertex as usize];
-            let rank = |distance: f64| match self.charts.meeting {
-                Edge::Convex => -distance,
-                Edge::Concave => distance,
-                Edge::Mixed => distance.abs(),
-            };
-            let ranks = self.charts.charts.iter().map(|chart| rank(chart.distance(point).0));
+            fn rank(distance: f64, charts_meeting: &Edge) -> f64 {
+                match *charts_meeting {
+                    Edge::Convex => -distance,
+                    Edge::Concave => distance,
+                    Edge::Mixed => distance.abs(),
+                }
+            }
+            let ranks = self
+                .charts
+                .charts
+                .iter()
+                .map(|chart| rank(chart.distance(point).0, &self.charts.meeting));
             let best = ranks.enumerate().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
             self.sets[vertex as usize] = best.map_or(1, |(chart, _)| 1 << chart);
         }
@@ -314,11 +320,11 @@ impl Sharp<'_> {
         if on_f == 0 || on_g == 0 {
             return !self.is_edge(c, d);
         }
-        let cotangent = |at: Point3<f64>| {
+        fn cotangent(at: Point3<f64>, pa: Point3<f64>, pb: Point3<f64>) -> f64 {
             let [u, v] = [pa - at, pb - at];
             u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
-        };
-        !is_crease && cotangent(pc) + cotangent(pd) < -1e-9 && !self.is_edge(c, d)
+        }
+        !is_crease && cotangent(pc, pa, pb) + cotangent(pd, pa, pb) < -1e-9 && !self.is_edge(c, d)
     }
 
     /// Whether there is an edge between two vertices, or the data has one, or may get one.
@@ -340,14 +346,16 @@ impl Sharp<'_> {
     /// How many faces lie on no segment, or do not face the side of theirs.
     fn folded(&self) -> usize {
         let faces = (0..self.triangulation.corners.len() as u32).step_by(3);
-        let is_folded = |&half: &u32| {
-            let corners =
-                [half, half + 1, half + 2].map(|half| self.triangulation.corners[half as usize]);
-            let set = self.face_set(half);
-            let points = corners.map(|vertex| self.triangulation.points[vertex as usize]);
-            set == 0 || !self.is_upright(points, set)
-        };
-        faces.filter(|&half| self.triangulation.is_alive(half)).filter(is_folded).count()
+        faces
+            .filter(|&half| self.triangulation.is_alive(half))
+            .filter(|&half| {
+                let corners = [half, half + 1, half + 2]
+                    .map(|half| self.triangulation.corners[half as usize]);
+                let set = self.face_set(half);
+                let points = corners.map(|vertex| self.triangulation.points[vertex as usize]);
+                set == 0 || !self.is_upright(points, set)
+            })
+            .count()
     }
 
     /// Whether no vertex went too far.
@@ -355,12 +363,11 @@ impl Sharp<'_> {
         let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
         let middle = Point3::from(sum / rim.len() as f64);
         let radius = rim.points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
-        let near = |vertex: u32| {
+        self.inner().all(|vertex: u32| {
             let from = start.points.get(vertex as usize);
             from.is_none_or(|from| {
                 (self.triangulation.points[vertex as usize] - from).norm() <= FARTHEST * radius
             })
-        };
-        self.inner().all(near)
+        })
     }
 }

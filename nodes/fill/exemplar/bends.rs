@@ -52,10 +52,9 @@ pub(super) fn bend_alike(
             let is_missing = corners.map(|corner| data <= corner as usize);
             let is_inside = is_missing[0] || is_missing[1] || (is_missing[2] && is_missing[3]);
             let slopes = slopes(corners, points);
-            let slope = |k: usize| {
+            let slopes = std::array::from_fn(|k: usize| {
                 moves(corners[k]).map_or(0.0, |missing| slopes[k].dot(&normals[missing]))
-            };
-            let slopes = std::array::from_fn(slope);
+            });
             Some(Hinge { corners, hole: number, is_inside, angle: 0.0, slopes })
         })
         .collect();
@@ -69,12 +68,13 @@ pub(super) fn bend_alike(
         hinges.iter_mut().for_each(|hinge| hinge.angle = angle(hinge.corners, points));
         // Those at the rim, where the data end, have ranks of their own.
         hinges.sort_by(|a, b| {
-            let part = |hinge: &Hinge| (hinge.hole, hinge.is_inside);
+            fn part(hinge: &Hinge) -> (u32, bool) {
+                (hinge.hole, hinge.is_inside)
+            }
             part(a).cmp(&part(b)).then(a.angle.abs().total_cmp(&b.angle.abs()))
         });
         let mut load: Vec<[f64; 3]> = moved.iter().map(|far| [-stiff * far, 0.0, 0.0]).collect();
-        let alike = |a: &Hinge, b: &Hinge| (a.hole, a.is_inside) == (b.hole, b.is_inside);
-        for part in hinges.chunk_by(alike) {
+        for part in hinges.chunk_by(|a, b| (a.hole, a.is_inside) == (b.hole, b.is_inside)) {
             let goal = &goals[part[0].hole as usize];
             if goal.len() < FEWEST {
                 continue;
@@ -164,10 +164,12 @@ pub(super) fn slopes(corners: [u32; 4], points: &[Point3<f64>]) -> [Vector3<f64>
     let length = along.norm();
     let [one, two] =
         [along.cross(&(c - a)), (d - a).cross(&along)].map(|area| area / area.norm_squared());
-    let share = |from: Point3<f64>, to: Point3<f64>| (to - from).dot(&along) / length;
+    fn share(from: Point3<f64>, to: Point3<f64>, along: Vector3<f64>, length: f64) -> f64 {
+        (to - from).dot(&along) / length
+    }
     let slopes = [
-        -one * share(b, c) - two * share(b, d),
-        one * share(a, c) + two * share(a, d),
+        -one * share(b, c, along, length) - two * share(b, d, along, length),
+        one * share(a, c, along, length) + two * share(a, d, along, length),
         -one * length,
         -two * length,
     ];

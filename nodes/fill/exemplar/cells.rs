@@ -21,16 +21,20 @@ pub(super) fn cells(
     edge: f64,
 ) -> Vec<u32> {
     let Outcome { patches, matches, .. } = outcome;
-    let ssd = |center: u32| matches[center as usize].ssd;
+    fn ssd(center: u32, matches: &[crate::exemplar::best_match::Match]) -> f64 {
+        matches[center as usize].ssd
+    }
     let mut centers: Vec<u32> = (0..patches.movable as u32)
         .filter(|&center| matches[center as usize].exemplar != NONE)
         .collect();
-    centers.sort_by(|&a, &b| ssd(a).total_cmp(&ssd(b)).then(a.cmp(&b)));
+    centers.sort_by(|&a, &b| ssd(a, matches).total_cmp(&ssd(b, matches)).then(a.cmp(&b)));
     let vertices = centers.iter().map(|&center| patches.sites[center as usize]);
     let middles = thin(surface, points, vertices, APART * edge);
     let mut place = vec![NONE; points.len()];
     (0..).zip(&patches.sites).for_each(|(site, &vertex)| place[vertex as usize] = site);
     let nearest = surface.nearest(points, middles.into_iter(), f64::INFINITY);
-    let center = |&middle: &u32| if middle == NONE { NONE } else { place[middle as usize] };
-    nearest[data..].iter().map(center).collect()
+    nearest[data..]
+        .iter()
+        .map(|&middle| if middle == NONE { NONE } else { place[middle as usize] })
+        .collect()
 }

@@ -46,8 +46,10 @@ pub(crate) fn complete(
     };
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
-        let share = |level: usize| level as f64 / radii.len() as f64;
-        let own = share(level)..share(level + 1);
+        fn share(level: usize, radii: &[f64]) -> f64 {
+            level as f64 / radii.len() as f64
+        }
+        let own = share(level, &radii)..share(level + 1, &radii);
         progress.tick(own.start)?;
         let size = completion.size(radii[level], level);
         let exemplars = completion.exemplars(&size, points, progress)?;
@@ -86,6 +88,5 @@ pub(crate) fn complete(
 
 /// The colors, as lengths that count as much as distances: `size` for the difference of black and white.
 fn lengths(given: &Given, size: f64) -> Vec<Color> {
-    let length = |color: &[f64; 3]| color.map(|channel| channel * size / 100.0);
-    given.colors.iter().flatten().map(length).collect()
+    given.colors.iter().flatten().map(|color| color.map(|channel| channel * size / 100.0)).collect()
 }

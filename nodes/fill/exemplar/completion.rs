@@ -91,11 +91,12 @@ pub(crate) fn distances(
     most: f64,
 ) -> Vec<f64> {
     let nearest = surface.nearest(points, data as u32..points.len() as u32, most);
-    let distance = |vertex: usize| match nearest[vertex] {
-        NONE => f64::INFINITY,
-        missing => (points[vertex] - points[missing as usize]).norm(),
-    };
-    (0..data).map(distance).collect()
+    (0..data)
+        .map(|vertex: usize| match nearest[vertex] {
+            NONE => f64::INFINITY,
+            missing => (points[vertex] - points[missing as usize]).norm(),
+        })
+        .collect()
 }
 
 /// Twice the sum of the area vectors of the faces around each vertex. As published, the start does not count for the normals of the data:
@@ -107,13 +108,14 @@ pub(crate) fn areas(
     kept: usize,
     update: Update,
 ) -> Vec<Vector3<f64>> {
-    let area = |vertex: u32| match update {
-        Update::Published if (vertex as usize) < data => {
-            surface.area_before(points, vertex, kept as u32)
-        }
-        Update::Exact | Update::Published => surface.area(points, vertex),
-    };
-    (0..points.len() as u32).map(area).collect()
+    (0..points.len() as u32)
+        .map(|vertex: u32| match update {
+            Update::Published if (vertex as usize) < data => {
+                surface.area_before(points, vertex, kept as u32)
+            }
+            Update::Exact | Update::Published => surface.area(points, vertex),
+        })
+        .collect()
 }
 
 /// What a completion works with on all levels.
@@ -182,12 +184,15 @@ impl Completion<'_> {
             cut: published,
         };
         let reach = if published { size.radius } else { REACH * size.radius };
-        let may = |vertex: u32| {
-            let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
-            open && reach < self.distances[vertex as usize]
-                && !self.surface.around(vertex).is_empty()
-        };
-        Exemplars::new(&source, may, progress)
+        Exemplars::new(
+            &source,
+            |vertex: u32| {
+                let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
+                open && reach < self.distances[vertex as usize]
+                    && !self.surface.around(vertex).is_empty()
+            },
+            progress,
+        )
     }
 
     pub(super) fn level(
@@ -261,8 +266,12 @@ impl Completion<'_> {
         {
             return Ok(());
         }
-        let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
-        let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
+        fn around(vertex: u32, distances: &[f64], hole_width: f64) -> bool {
+            distances[vertex as usize] <= hole_width
+        }
+        let around = (0..self.data as u32)
+            .filter(|&vertex| around(vertex, &self.distances, self.hole.width))
+            .collect();
         let (surface, turns, radius) = (self.surface, &self.turns, size.radius);
         let sharp = self.sharp;
         Detail { surface, exemplars, outcome, turns, cells, sharp, radius }.add(points, around);

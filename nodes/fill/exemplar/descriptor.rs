@@ -33,13 +33,17 @@ pub(super) struct Polar {
 impl Polar {
     /// For patches of `radius` on lattices of this step. If `level`, the mean height and tilt are subtracted.
     pub(super) fn new(radius: f64, step: f64, level: bool) -> Self {
-        let place = |k: usize| {
-            let share = (k / ANGLES + 1) as f64 / RINGS as f64;
-            let angle = std::f64::consts::TAU * (k % ANGLES) as f64 / ANGLES as f64;
-            let (sine, cosine) = libm::sincos(angle);
-            [cosine, sine].map(|x| x * share * radius / step)
-        };
-        Self { places: (0..COUNT).map(place).collect(), level }
+        Self {
+            places: (0..COUNT)
+                .map(|k: usize| {
+                    let share = (k / ANGLES + 1) as f64 / RINGS as f64;
+                    let angle = std::f64::consts::TAU * (k % ANGLES) as f64 / ANGLES as f64;
+                    let (sine, cosine) = libm::sincos(angle);
+                    [cosine, sine].map(|x| x * share * radius / step)
+                })
+                .collect(),
+            level,
+        }
     }
 
     /// The heights of a surface on the rings, after a turn; where the surface has no height, that of the next inner ring.
@@ -122,8 +126,13 @@ impl Basis {
         let eigen = SymmetricEigen::new(spread);
         let mut order: Vec<usize> = (0..COUNT).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-        let row = |&k: &usize| std::array::from_fn(|i| eigen.eigenvectors[(i, k)] as f32);
-        Self { mean: mean.map(|x| x as f32), rows: order[..KEPT].iter().map(row).collect() }
+        Self {
+            mean: mean.map(|x| x as f32),
+            rows: order[..KEPT]
+                .iter()
+                .map(|&k| std::array::from_fn(|i| eigen.eigenvectors[(i, k)] as f32))
+                .collect(),
+        }
     }
 
     /// The descriptor of rings: their principal components.

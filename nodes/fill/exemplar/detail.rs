@@ -47,7 +47,6 @@ impl Detail<'_> {
         let data = count - self.cells.len();
         let (mut change, mut wanted) = (vec![0.0; count], vec![0.0; count]);
         let mut normals = vec![Vector3::zeros(); count];
-        let now = |vertex: u32| points[vertex as usize];
         let mut alignments = Alignments::new(self, points);
         for (site, &cell) in self.cells.iter().enumerate() {
             let (vertex, normal) = (data + site, self.outcome.normals[site]);
@@ -56,7 +55,10 @@ impl Detail<'_> {
                 let copied = alignments.over(vertex as u32, cell as usize);
                 if copied.is_finite() {
                     wanted[vertex] = copied;
-                    change[vertex] = copied - over(self.surface, vertex as u32, &normal, now);
+                    change[vertex] = copied
+                        - over(self.surface, vertex as u32, &normal, |vertex: u32| {
+                            points[vertex as usize]
+                        });
                 }
             }
         }
@@ -110,9 +112,9 @@ impl<'a> Alignments<'a> {
             *self.planes[center].get_or_insert_with(|| plane(self.detail, self.points, center));
         let found = &outcome.matches[center];
         let (frame, own) = (&outcome.frames[center], &exemplars.frames[found.exemplar as usize]);
-        let copied = |vertex: u32| self.copied(vertex, center, &plane);
         let normal = outcome.normals[self.place[vertex as usize] as usize];
-        let there = over(surface, vertex, &normal, copied);
+        let there =
+            over(surface, vertex, &normal, |vertex: u32| self.copied(vertex, center, &plane));
         let from = exemplars.vertices[found.exemplar as usize];
         let to = exemplars.place(found, turns, frame, self.points[vertex as usize]);
         let data = self.points.len() - cells.len();

@@ -76,7 +76,9 @@ impl Exemplars {
             .collect();
         let mut place = vec![NONE; chosen.len()];
         (0..).zip(&good).for_each(|(new, &old)| place[old as usize] = new);
-        let take = |k: &u32| *k as usize;
+        fn take(k: &u32) -> usize {
+            *k as usize
+        }
         let mut heights = measured.heights;
         // The good ones move up, in place.
         for (new, old) in good.iter().map(take).enumerate() {
@@ -93,13 +95,15 @@ impl Exemplars {
         };
         descriptors.iter_mut().zip(&tints).for_each(|(own, tint)| tint.put(own));
         progress.check()?;
-        let owner = |&k: &u32| if k == NONE { NONE } else { place[k as usize] };
         Ok(Self {
             vertices: good.iter().map(|k| chosen[take(k)]).collect(),
             frames: good.iter().map(|k| measured.frames[take(k)]).collect(),
             heights,
             tints,
-            owners: stands.iter().map(owner).collect(),
+            owners: stands
+                .iter()
+                .map(|&k| if k == NONE { NONE } else { place[k as usize] })
+                .collect(),
             lattice,
             polar,
             basis,
@@ -166,8 +170,13 @@ impl Source<'_> {
             if stands[vertex as usize] != NONE {
                 continue;
             }
-            let open = |other: u32| (other as usize) < self.data;
-            for other in self.surface.ball(self.points, vertex, apart, open, &mut marks) {
+            for other in self.surface.ball(
+                self.points,
+                vertex,
+                apart,
+                |other: u32| (other as usize) < self.data,
+                &mut marks,
+            ) {
                 let own = &mut stands[other as usize];
                 if *own == NONE {
                     *own = chosen.len() as u32;
@@ -195,7 +204,7 @@ impl Source<'_> {
                 return Vec::new();
             }
             let each = chosen.iter().zip(heights.chunks_exact_mut(NODES));
-            let one = |(&vertex, heights): (&u32, &mut [f32])| {
+            each.map(|(&vertex, heights): (&u32, &mut [f32])| {
                 let frame = self.frame(vertex, marks);
                 let limit = self.kept as u32;
                 let cover =
@@ -204,8 +213,8 @@ impl Source<'_> {
                     round_out(heights);
                 }
                 (frame, cover, polar.rings(heights, &straight), self.tint(vertex, &frame, marks))
-            };
-            each.map(one).collect::<Vec<_>>()
+            })
+            .collect::<Vec<_>>()
         };
         let found: Vec<Vec<_>> =
             blocks.map_init(|| Marks::new(self.points.len()), measure).collect();
@@ -223,8 +232,13 @@ impl Source<'_> {
 
     /// The frame at a vertex: its normal is the mean of those around it.
     fn frame(&self, vertex: u32, marks: &mut Marks) -> Frame {
-        let open = |other: u32| (other as usize) < self.data;
-        let ball = self.surface.ball(self.points, vertex, self.normal_radius, open, marks);
+        let ball = self.surface.ball(
+            self.points,
+            vertex,
+            self.normal_radius,
+            |other: u32| (other as usize) < self.data,
+            marks,
+        );
         let normal: Vector3<f64> = ball.iter().map(|&other| self.areas[other as usize]).sum();
         Frame::new(self.points[vertex as usize], normal, self.up)
     }
@@ -234,9 +248,14 @@ impl Source<'_> {
         if self.colors.is_empty() {
             return Tint::default();
         }
-        let open = |other: u32| (other as usize) < self.data;
         let reach = PART * self.radius;
-        let ball = self.surface.ball(self.points, vertex, reach, open, marks);
+        let ball = self.surface.ball(
+            self.points,
+            vertex,
+            reach,
+            |other: u32| (other as usize) < self.data,
+            marks,
+        );
         Tint::new(ball.iter().map(|&other| {
             let [x, y, _] = frame.local(self.points[other as usize] - frame.at);
             ([x, y].map(|x| x / reach), self.colors[other as usize])

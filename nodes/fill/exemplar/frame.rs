@@ -25,11 +25,13 @@ impl Frame {
         let up = up.try_normalize(0.0).unwrap_or(Vector3::y());
         let level = up.cross(&z);
         let free = level.norm() < LEAST_SINE;
-        let along = |axis: Vector3<f64>| axis - z * axis.dot(&z);
+        fn along(axis: Vector3<f64>, z: Vector3<f64>) -> Vector3<f64> {
+            axis - z * axis.dot(&z)
+        }
         let x = match free {
             false => level,
-            true if along(Vector3::x()).norm() < 0.1 => along(Vector3::z()),
-            true => along(Vector3::x()),
+            true if along(Vector3::x(), z).norm() < 0.1 => along(Vector3::z(), z),
+            true => along(Vector3::x(), z),
         };
         let x = x.normalize();
         Self { at, x, y: z.cross(&x), z, free }

@@ -48,11 +48,13 @@ impl Nodes {
             Ordering::Equal => index([x - x.signum(), y - y.signum()]),
             Ordering::Greater => index([x - x.signum(), y]),
         };
-        let node = |k: usize| nodes.get(k).copied().unwrap_or_default();
+        fn node(k: usize, nodes: &[[i32; 2]]) -> [i32; 2] {
+            nodes.get(k).copied().unwrap_or_default()
+        }
         Self {
             indices: nodes.iter().copied().map(index).collect(),
-            inner: std::array::from_fn(|k| inner(node(k))),
-            at: [0, 1].map(|axis| std::array::from_fn(|k| f64::from(node(k)[axis]))),
+            inner: std::array::from_fn(|k| inner(node(k, nodes))),
+            at: [0, 1].map(|axis| std::array::from_fn(|k| f64::from(node(k, nodes)[axis]))),
         }
     }
 }
@@ -64,7 +66,9 @@ impl Lattice {
         let mut nodes: Vec<[i32; 2]> =
             (-half..=half).flat_map(|y| (-half..=half).map(move |x| [x, y])).collect();
         nodes.retain(|[x, y]| x * x + y * y <= half * half + half);
-        let ring = |[x, y]: [i32; 2]| x.abs().max(y.abs());
+        fn ring([x, y]: [i32; 2]) -> i32 {
+            x.abs().max(y.abs())
+        }
         nodes.sort_by_key(|&node| (ring(node), node[1], node[0]));
         let count = nodes.len();
         let rings = nodes[1..].chunk_by(|&a, &b| ring(a) == ring(b));
@@ -75,13 +79,15 @@ impl Lattice {
     /// The nodes of the disk whose distance from the middle is at most `share` of its radius: their indices.
     pub(super) fn inside(&self, share: f64) -> Vec<usize> {
         let most = share * HALF as f64;
-        let near = |(nodes, k): (&Nodes, usize)| {
-            let [x, y] = [0, 1].map(|axis| nodes.at[axis][k]);
-            (x * x + y * y <= most * most).then_some(nodes.indices[k])
-        };
         let all =
             self.nodes.iter().flat_map(|nodes| (0..nodes.indices.len()).map(move |k| (nodes, k)));
-        [MIDDLE].into_iter().chain(all.filter_map(near)).collect()
+        [MIDDLE]
+            .into_iter()
+            .chain(all.filter_map(|(nodes, k): (&Nodes, usize)| {
+                let [x, y] = [0, 1].map(|axis| nodes.at[axis][k]);
+                (x * x + y * y <= most * most).then_some(nodes.indices[k])
+            }))
+            .collect()
     }
 
     /// Measures the surface around a vertex over the plane of a frame at it: from node to node over the triangles before `limit`.
@@ -424,17 +430,24 @@ impl<const N: usize> Cells<N> {
         for k in 0..N {
             let corner = self.corners[k] as usize;
             let cell = &heights[corner..corner + SIDE + 2];
-            let pair = |first: usize| {
+            #[inline(always)]
+            fn pair(first: usize, cell: &[f32]) -> u64 {
                 let [a, b] =
                     [cell[first], cell[first + 1]].map(|height| u64::from(height.to_bits()));
                 a | (b << 32)
-            };
-            (below[k], above[k]) = (pair(0), pair(SIDE));
+            }
+            (below[k], above[k]) = (pair(0, cell), pair(SIDE, cell));
         }
         let mut under = Under { heights: [0.0; N], slopes: [[0.0; N]; 2] };
         for k in 0..N {
-            let first = |pair: u64| f64::from(f32::from_bits(pair as u32));
-            let second = |pair: u64| f64::from(f32::from_bits((pair >> 32) as u32));
+            #[inline(always)]
+            fn first(pair: u64) -> f64 {
+                f64::from(f32::from_bits(pair as u32))
+            }
+            #[inline(always)]
+            fn second(pair: u64) -> f64 {
+                f64::from(f32::from_bits((pair >> 32) as u32))
+            }
             let [a, b] = [first(below[k]), second(below[k])];
             let [c, d] = [first(above[k]), second(above[k])];
             let (s, t) = (self.columns[k], self.rows[k]);
@@ -487,19 +500,23 @@ mod tests {
 
     #[test]
     fn a_rounded_bowl_is_lifted_alike_everywhere_and_a_plane_stays() {
-        let lattice = |height: fn(f32, f32) -> f32| -> Vec<f32> {
-            let at = |k: usize| k as f32 - HALF as f32;
+        fn lattice(height: fn(f32, f32) -> f32) -> Vec<f32> {
+            fn at(k: usize) -> f32 {
+                k as f32 - HALF as f32
+            }
             (0..NODES).map(|node| height(at(node % SIDE), at(node / SIDE))).collect()
-        };
-        let inner = |node: &usize| {
-            (1..SIDE - 1).contains(&(node % SIDE)) && (1..SIDE - 1).contains(&(node / SIDE))
-        };
-        let moves = |height: fn(f32, f32) -> f32| -> Vec<f32> {
+        }
+        fn moves(height: fn(f32, f32) -> f32) -> Vec<f32> {
             let before = lattice(height);
             let mut after = before.clone();
             round_out(&mut after);
-            (0..NODES).filter(inner).map(|node| after[node] - before[node]).collect()
-        };
+            (0..NODES)
+                .filter(|node| {
+                    (1..SIDE - 1).contains(&(node % SIDE)) && (1..SIDE - 1).contains(&(node / SIDE))
+                })
+                .map(|node| after[node] - before[node])
+                .collect()
+        }
         assert!(moves(|x, y| 0.5 * x - 0.25 * y).iter().all(|&by| by == 0.0));
         // Four second differences of 1/2 each way.
         let bowl = moves(|x, y| -0.25 * (x * x + y * y));

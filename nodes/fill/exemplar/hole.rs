@@ -44,11 +44,11 @@ impl Hole {
 
     /// The radii of the patches on all levels, from one that spans the hole down to the smallest.
     pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
-        let corner = |pick: fn(f64, f64) -> f64| {
+        fn corner(pick: fn(f64, f64) -> f64, data: &[Point3<f64>]) -> nalgebra::Vector3<f64> {
             let start = data[0].coords;
             data.iter().fold(start, |corner, point| corner.zip_map(&point.coords, pick))
-        };
-        let diagonal = (corner(f64::max) - corner(f64::min)).norm();
+        }
+        let diagonal = (corner(f64::max, data) - corner(f64::min, data)).norm();
         let largest = (1.5 * self.width).min(0.25 * diagonal);
         let levels = (options.levels.clamp(1, 8) as usize).max(options.radii.len());
         let mut radii = self.spaced(largest, levels);
@@ -67,8 +67,10 @@ impl Hole {
         if levels == 1 || largest <= smallest {
             return vec![smallest];
         }
-        let share = |k: usize| k as f64 / (levels - 1) as f64;
-        (0..levels).map(|k| largest * libm::pow(smallest / largest, share(k))).collect()
+        fn share(k: usize, levels: usize) -> f64 {
+            k as f64 / (levels - 1) as f64
+        }
+        (0..levels).map(|k| largest * libm::pow(smallest / largest, share(k, levels))).collect()
     }
 }
 

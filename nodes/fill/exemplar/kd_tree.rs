@@ -97,20 +97,22 @@ fn divide(given: &[Descriptor], order: &mut [u32], start: u32, nodes: &mut Vec<N
         nodes.push(Node::Cell { start, end: start + order.len() as u32 });
         return;
     }
-    let spread = |axis: usize| {
-        let along = |&k: &u32| given[k as usize][axis];
+    let spreads: [f32; KEPT] = std::array::from_fn(|axis: usize| {
         let (low, high) = order
             .iter()
-            .map(along)
+            .map(|&k| given[k as usize][axis])
             .fold((f32::INFINITY, f32::NEG_INFINITY), |s, x| (s.0.min(x), s.1.max(x)));
         high - low
-    };
-    let spreads: [f32; KEPT] = std::array::from_fn(spread);
+    });
     let axis = (0..KEPT).fold(0, |best, k| if spreads[k] > spreads[best] { k } else { best });
     let middle = order.len() / 2;
-    let key = |k: u32| (given[k as usize][axis], k);
-    order.select_nth_unstable_by(middle, |&a, &b| key(a).0.total_cmp(&key(b).0).then(a.cmp(&b)));
-    let at = key(order[middle]).0;
+    fn key(k: u32, axis: usize, given: &[[f32; 16]]) -> (f32, u32) {
+        (given[k as usize][axis], k)
+    }
+    order.select_nth_unstable_by(middle, |&a, &b| {
+        key(a, axis, given).0.total_cmp(&key(b, axis, given).0).then(a.cmp(&b))
+    });
+    let at = key(order[middle], axis, given).0;
     let (below, above) = order.split_at_mut(middle);
     let node = nodes.len();
     nodes.push(Node::Split { axis: axis as u8, at, right: 0 });

@@ -265,25 +265,28 @@ impl CompletionLevel<'_> {
         (0..).zip(guides).for_each(|(k, guide)| place[guide.vertex as usize] = k);
         let sources = guides.iter().map(|guide| guide.vertex);
         let nearest = self.shared.surface.nearest(points, sources, f64::INFINITY);
-        let hint = |&vertex: &u32| {
-            let guide = match nearest[vertex as usize] {
-                NONE => guides[0],
-                source => guides[place[source as usize] as usize],
-            };
-            guide.hint(self.shared.turns, points[vertex as usize])
-        };
-        patches.sites[..patches.len()].iter().map(hint).collect()
+        patches.sites[..patches.len()]
+            .iter()
+            .map(|&vertex| {
+                let guide = match nearest[vertex as usize] {
+                    NONE => guides[0],
+                    source => guides[place[source as usize] as usize],
+                };
+                guide.hint(self.shared.turns, points[vertex as usize])
+            })
+            .collect()
     }
 
     fn guides(&self, patches: &Patches, matches: &[Match], frames: &[Frame]) -> Vec<Guide> {
         let each = matches.iter().zip(frames).zip(&patches.sites);
         let found = each.filter(|((found, _), _)| found.exemplar != NONE);
-        let guide = |((found, &frame), &vertex): ((&Match, &Frame), &u32)| {
-            let own = self.exemplars.frames[found.exemplar as usize];
-            let from = self.exemplars.vertices[found.exemplar as usize];
-            Guide { vertex, frame, own, from, turn: found.turn }
-        };
-        found.map(guide).collect()
+        found
+            .map(|((found, &frame), &vertex): ((&Match, &Frame), &u32)| {
+                let own = self.exemplars.frames[found.exemplar as usize];
+                let from = self.exemplars.vertices[found.exemplar as usize];
+                Guide { vertex, frame, own, from, turn: found.turn }
+            })
+            .collect()
     }
 
     /// Finds the matches of all patches as they are now.
@@ -298,25 +301,28 @@ impl CompletionLevel<'_> {
     ) -> Iterate {
         let patches = search.patches;
         let normals = patches.normals(areas);
-        let frame = |center: usize| {
-            let at = points[patches.sites[center] as usize];
-            Frame::new(at, normals[center], self.shared.options.up.into())
-        };
-        let frames: Vec<Frame> = (0..patches.len()).map(frame).collect();
+        let frames: Vec<Frame> = (0..patches.len())
+            .map(|center: usize| {
+                let at = points[patches.sites[center] as usize];
+                Frame::new(at, normals[center], self.shared.options.up.into())
+            })
+            .collect();
         let scene = Scene { points, normals: &normals, frames: &frames };
-        let best = |scratch: &mut Scratch, center: usize| {
-            let hint = hints.get(center).copied();
-            search.best(&scene, center, before, hint, far.map(|far| far.iteration), scratch)
-        };
         let centers = (0..patches.len()).into_par_iter().with_min_len(16);
-        let mut matches: Vec<Match> = centers.map_init(Scratch::new, best).collect();
+        let mut matches: Vec<Match> = centers
+            .map_init(Scratch::new, |scratch: &mut Scratch, center: usize| {
+                let hint = hints.get(center).copied();
+                search.best(&scene, center, before, hint, far.map(|far| far.iteration), scratch)
+            })
+            .collect();
         if before.is_empty() {
             // Once more, for what neighbors found.
-            let best = |scratch: &mut Scratch, center: usize| {
-                search.best(&scene, center, &matches, None, None, scratch)
-            };
             let centers = (0..patches.len()).into_par_iter().with_min_len(16);
-            matches = centers.map_init(Scratch::new, best).collect();
+            matches = centers
+                .map_init(Scratch::new, |scratch: &mut Scratch, center: usize| {
+                    search.best(&scene, center, &matches, None, None, scratch)
+                })
+                .collect();
         }
         if let Some(far) = far {
             search.better_the_worst(&scene, &mut matches, far.more);
@@ -331,15 +337,16 @@ impl CompletionLevel<'_> {
         let falloff = self.shared.options.fall();
         let rate = if falloff.rate == 0.0 { 1.0 / self.edge } else { falloff.rate };
         let fall = libm::log(falloff.base) * rate;
-        let weight = |center: usize| {
-            let vertex = patches.sites[center] as usize;
-            match self.shared.hole.rim[vertex] {
-                NONE => 1.0,
-                _ if vertex < self.shared.data => 1.0,
-                rim => libm::exp(-fall * (points[vertex] - points[rim as usize]).norm()),
-            }
-        };
-        (0..patches.len()).map(weight).collect()
+        (0..patches.len())
+            .map(|center: usize| {
+                let vertex = patches.sites[center] as usize;
+                match self.shared.hole.rim[vertex] {
+                    NONE => 1.0,
+                    _ if vertex < self.shared.data => 1.0,
+                    rim => libm::exp(-fall * (points[vertex] - points[rim as usize]).norm()),
+                }
+            })
+            .collect()
     }
 
     /// The weight of a patch in the mean that moves its vertices.

@@ -88,12 +88,11 @@ impl Patches {
             keyed.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             *patch = keyed.into_iter().map(|(_, site)| site).collect();
         }
-        let near = |patch: &Vec<u32>| -> Vec<u32> {
+        let near = Lists::collect(patches.iter().map(|patch| -> Vec<u32> {
             let centers = patch.iter().rev().filter(|&&site| (site as usize) < patches.len());
             // The last is the center itself.
             centers.skip(1).take(NEAR).copied().collect()
-        };
-        let near = Lists::collect(patches.iter().map(near));
+        }));
         let members = Lists::collect(patches.iter());
         let centers: Vec<u32> = (0..members.len() as u32)
             .flat_map(|center| members.range(center as usize).map(move |_| center))
@@ -114,12 +113,15 @@ impl Patches {
 
     /// The normal at each sample: the mean over the surface around it.
     pub(super) fn normals(&self, areas: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        let normal = |site: usize| {
-            let sum: Vector3<f64> =
-                self.neighborhoods.of(site).iter().map(|&vertex| areas[vertex as usize]).sum();
-            sum.try_normalize(0.0).unwrap_or(Vector3::z())
-        };
-        (0..self.sites.len()).into_par_iter().with_min_len(64).map(normal).collect()
+        (0..self.sites.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|site: usize| {
+                let sum: Vector3<f64> =
+                    self.neighborhoods.of(site).iter().map(|&vertex| areas[vertex as usize]).sum();
+                sum.try_normalize(0.0).unwrap_or(Vector3::z())
+            })
+            .collect()
     }
 }
 

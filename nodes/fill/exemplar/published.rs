@@ -38,8 +38,10 @@ pub(crate) fn complete_as_published(
     let edge = hole.edge;
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
-        let share = |level: usize| level as f64 / radii.len() as f64;
-        let own = share(level)..share(level + 1);
+        fn share(level: usize, radii: &[f64]) -> f64 {
+            level as f64 / radii.len() as f64
+        }
+        let own = share(level, &radii)..share(level + 1, &radii);
         progress.tick(own.start)?;
         let last = level + 1 == radii.len();
         let given_edge = options.edges.get(level).copied().filter(|&edge| edge > 0.0);

@@ -42,11 +42,10 @@ impl<'a> Roughness<'a> {
             }
             start = end;
         }
-        let ring = |&vertex: &u32| -> Vec<u32> {
+        let rings = Lists::collect(vertices.iter().map(|&vertex| -> Vec<u32> {
             let ring = surface.ring(vertex).iter().map(|&other| place[other as usize]);
             ring.filter(|&other| other != NONE).collect()
-        };
-        let rings = Lists::collect(vertices.iter().map(ring));
+        }));
         Self { surface, vertices, count, rings, sides }
     }
 
@@ -59,35 +58,45 @@ impl<'a> Roughness<'a> {
 
     /// The mean distance of the vertices, along their normals, from where they are after some steps of smoothing.
     fn deviation(&self, points: &[Point3<f64>]) -> f64 {
-        let place = |&vertex: &u32| points[vertex as usize];
-        let mut smooth: Vec<Point3<f64>> = self.vertices.iter().map(place).collect();
+        let mut smooth: Vec<Point3<f64>> =
+            self.vertices.iter().map(|&vertex| points[vertex as usize]).collect();
         for _ in 0..STEPS {
-            let step = |k: usize| {
-                let ring = self.rings.of(k);
-                let sum: Vector3<f64> = ring.iter().map(|&j| smooth[j as usize] - smooth[k]).sum();
-                smooth[k] + sum / (2.0 * ring.len().max(1) as f64)
-            };
-            smooth = (0..smooth.len()).into_par_iter().with_min_len(512).map(step).collect();
+            smooth = (0..smooth.len())
+                .into_par_iter()
+                .with_min_len(512)
+                .map(|k: usize| {
+                    let ring = self.rings.of(k);
+                    let sum: Vector3<f64> =
+                        ring.iter().map(|&j| smooth[j as usize] - smooth[k]).sum();
+                    smooth[k] + sum / (2.0 * ring.len().max(1) as f64)
+                })
+                .collect();
         }
-        let off = |k: usize| {
-            let vertex = self.vertices[k];
-            let normal = self.surface.area(points, vertex).try_normalize(0.0).unwrap_or_default();
-            (points[vertex as usize] - smooth[k]).dot(&normal).abs()
-        };
-        (0..self.count).map(off).sum::<f64>() / self.count.max(1) as f64
+        (0..self.count)
+            .map(|k: usize| {
+                let vertex = self.vertices[k];
+                let normal =
+                    self.surface.area(points, vertex).try_normalize(0.0).unwrap_or_default();
+                (points[vertex as usize] - smooth[k]).dot(&normal).abs()
+            })
+            .sum::<f64>()
+            / self.count.max(1) as f64
     }
 
     /// The mean angle by which the edges bend.
     fn bend(&self, points: &[Point3<f64>]) -> f64 {
-        let area = |face: u32| {
-            let [a, b, c] = self.surface.faces[face as usize].map(|end| points[end as usize]);
-            (b - a).cross(&(c - a))
-        };
-        let angle = |pair: &[u32; 2]| {
-            let [a, b] = pair.map(area);
-            libm::atan2(a.cross(&b).norm(), a.dot(&b))
-        };
-        self.sides.iter().map(angle).sum::<f64>() / self.sides.len().max(1) as f64
+        self.sides
+            .iter()
+            .map(|pair| {
+                let [a, b] = pair.map(|face: u32| {
+                    let [a, b, c] =
+                        self.surface.faces[face as usize].map(|end| points[end as usize]);
+                    (b - a).cross(&(c - a))
+                });
+                libm::atan2(a.cross(&b).norm(), a.dot(&b))
+            })
+            .sum::<f64>()
+            / self.sides.len().max(1) as f64
     }
 }
 

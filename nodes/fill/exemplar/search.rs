@@ -140,12 +140,11 @@ impl Search<'_> {
     /// Puts a patch in its frame.
     pub(super) fn take(&self, scene: &Scene<'_>, center: usize, patch: &mut PatchSamples) {
         let frame = &scene.frames[center];
-        let take = |&site: &u32| {
+        patch.samples.clear();
+        patch.samples.extend(self.patches.members.of(center).iter().map(|&site| {
             let vertex = self.patches.sites[site as usize];
             sample(frame, &scene.points[vertex as usize], &scene.normals[site as usize])
-        };
-        patch.samples.clear();
-        patch.samples.extend(self.patches.members.of(center).iter().map(take));
+        }));
         patch.prepare(self.radius, true);
     }
 
@@ -185,15 +184,19 @@ impl Search<'_> {
         matches: &mut [Match],
         comparisons: usize,
     ) {
-        let off = |center: u32| matches[center as usize].ssd + matches[center as usize].tint;
+        fn off(center: u32, matches: &[Match]) -> f64 {
+            matches[center as usize].ssd + matches[center as usize].tint
+        }
         let mut worst: Vec<u32> = (0..matches.len() as u32).collect();
-        worst.sort_by(|&a, &b| off(b).total_cmp(&off(a)).then(a.cmp(&b)));
+        worst.sort_by(|&a, &b| off(b, matches).total_cmp(&off(a, matches)).then(a.cmp(&b)));
         worst.truncate(comparisons / (self.exemplars.len() * self.turns.usual).max(1));
-        let best = |scratch: &mut Scratch, &center: &u32| {
-            let center = center as usize;
-            self.best_of_all(scene, center, matches[center], scratch)
-        };
-        let found = worst.par_iter().with_min_len(4).map_init(Scratch::new, best);
+        let found = worst.par_iter().with_min_len(4).map_init(
+            Scratch::new,
+            |scratch: &mut Scratch, &center| {
+                let center = center as usize;
+                self.best_of_all(scene, center, matches[center], scratch)
+            },
+        );
         let found: Vec<Match> = found.collect();
         worst.iter().zip(found).for_each(|(&center, found)| matches[center as usize] = found);
     }
@@ -296,11 +299,11 @@ impl Kernel for Comparisons<'_> {
 /// Two numbers from -1 to 1 that look random, always the same for the same key.
 fn random(key: [u64; 4]) -> [f64; 2] {
     // Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
-    let mix = |mut x: u64| {
+    fn mix(mut x: u64) -> u64 {
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         x ^ (x >> 31)
-    };
+    }
     let word = key
         .into_iter()
         .fold(0, |word: u64, part| mix(word.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ mix(part)));

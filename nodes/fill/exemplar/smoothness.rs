@@ -18,7 +18,9 @@ pub(super) fn plate_error(exemplars: &Exemplars) -> f64 {
     let mut unknown = [None; NODES];
     (0..).zip(&missing).for_each(|(k, &node)| unknown[node] = Some(k));
     let stencil = &PLATE;
-    let beside = |node: usize, offset: i32| (node as i32 + offset) as usize;
+    fn beside(node: usize, offset: i32) -> usize {
+        (node as i32 + offset) as usize
+    }
     let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
     for &node in &missing {
         for &(offset, weight) in stencil {
@@ -34,14 +36,16 @@ pub(super) fn plate_error(exemplars: &Exemplars) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for exemplar in (0..exemplars.len() as u32).step_by(every) {
         let heights = exemplars.heights(exemplar);
-        let load = |&node: &usize| {
-            let known =
-                stencil.iter().filter(|(offset, _)| unknown[beside(node, *offset)].is_none());
-            let load =
-                known.map(|&(offset, weight)| -weight * f64::from(heights[beside(node, offset)]));
-            [load.sum::<f64>(), 0.0, 0.0]
-        };
-        let mut plate: Vec<[f64; 3]> = missing.iter().map(load).collect();
+        let mut plate: Vec<[f64; 3]> = missing
+            .iter()
+            .map(|&node| {
+                let known =
+                    stencil.iter().filter(|(offset, _)| unknown[beside(node, *offset)].is_none());
+                let load = known
+                    .map(|&(offset, weight)| -weight * f64::from(heights[beside(node, offset)]));
+                [load.sum::<f64>(), 0.0, 0.0]
+            })
+            .collect();
         factors.solve(&mut plate);
         for (&node, [plate, ..]) in missing.iter().zip(plate) {
             let off = f64::from(heights[node]) - plate;

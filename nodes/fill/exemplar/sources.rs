@@ -37,22 +37,33 @@ impl Sources {
             }))? as usize;
             let found = &outcome.matches[cell];
             let frame = &outcome.frames[cell];
-            let place = |vertex: u32| exemplars.place(found, turns, frame, points[vertex as usize]);
-            let places = corners.map(place);
+            let places = corners
+                .map(|vertex: u32| exemplars.place(found, turns, frame, points[vertex as usize]));
             let middle =
                 Point3::from(places.iter().map(|place| place.coords / 3.0).sum::<Vector3<f64>>());
             let from = exemplars.vertices[found.exemplar as usize];
             let vertex = surface.descend(points, from, &middle, data as u32);
             let around = surface.around(vertex).iter().filter(|&&face| (face as usize) < kept);
-            let ends = |face: u32| surface.faces[face as usize].map(|end| points[end as usize]);
+            fn ends(
+                face: u32,
+                points: &[Point3<f64>],
+                surface_faces: &[[u32; 3]],
+            ) -> [Point3<f64>; 3] {
+                surface_faces[face as usize].map(|end| points[end as usize])
+            }
             // The one in which the middle lies, or nearly does.
-            let depth = |face: u32| {
-                let shares = shares(&middle, ends(face))?;
+            fn depth(
+                face: u32,
+                middle: Point3<f64>,
+                points: &[Point3<f64>],
+                surface_faces: &[[u32; 3]],
+            ) -> Option<(f64, u32)> {
+                let shares = shares(&middle, ends(face, points, surface_faces))?;
                 Some((shares.into_iter().fold(f64::INFINITY, f64::min), face))
-            };
-            let deepest = around.filter_map(|&face| depth(face));
+            }
+            let deepest = around.filter_map(|&face| depth(face, middle, points, surface.faces));
             let (_, face) = deepest.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
-            let [a, b, c] = places.map(|place| shares(&place, ends(face)));
+            let [a, b, c] = places.map(|place| shares(&place, ends(face, points, surface.faces)));
             Some((face, [a?, b?, c?]))
         };
         let faces = surface.faces[kept..].par_iter().with_min_len(256);
@@ -67,9 +78,11 @@ impl Sources {
 
 /// The cell that most corners of a face have, the first of equals.
 fn cell_of(cells: [u32; 3]) -> Option<u32> {
-    let times = |cell: u32| cells.iter().filter(|&&other| other == cell).count();
+    fn times(cell: u32, cells: [u32; 3]) -> usize {
+        cells.iter().filter(|&&other| other == cell).count()
+    }
     let known = cells.into_iter().filter(|&cell| cell != NONE);
-    known.reduce(|best, cell| if times(cell) > times(best) { cell } else { best })
+    known.reduce(|best, cell| if times(cell, cells) > times(best, cells) { cell } else { best })
 }
 
 /// How much each corner of a triangle weighs at the place in its plane that is nearest to a point; none if it has no area.

@@ -59,12 +59,13 @@ impl<'a> Plate<'a> {
 
     /// The load under which the Laplacian at each vertex becomes as near as possible to `wanted`.
     pub(super) fn load(&self, wanted: &[f64]) -> Vec<[f64; 3]> {
-        let load = |vertex: usize| {
-            let ring = self.surface.ring(vertex as u32);
-            let around: f64 = ring.iter().map(|&other| wanted[other as usize]).sum();
-            [ring.len() as f64 * wanted[vertex] - around, 0.0, 0.0]
-        };
-        (self.first..wanted.len()).map(load).collect()
+        (self.first..wanted.len())
+            .map(|vertex: usize| {
+                let ring = self.surface.ring(vertex as u32);
+                let around: f64 = ring.iter().map(|&other| wanted[other as usize]).sum();
+                [ring.len() as f64 * wanted[vertex] - around, 0.0, 0.0]
+            })
+            .collect()
     }
 }
 

@@ -34,20 +34,24 @@ pub(super) struct Beside {
 impl<'a> Surface<'a> {
     /// Of `vertices` vertices.
     pub(super) fn new(vertices: usize, faces: &'a [[u32; 3]]) -> Self {
-        let corners = || (0u32..).zip(faces).flat_map(|(face, ends)| ends.map(|end| (end, face)));
-        let around = Lists::group(vertices, corners);
-        let across = |face: u32, [a, b]: [u32; 2]| {
-            let find = |other: u32| {
+        let around = Lists::group(vertices, || {
+            (0u32..).zip(faces).flat_map(|(face, ends)| ends.map(|end| (end, face)))
+        });
+        fn across(face: u32, [a, b]: [u32; 2], around: &Lists, faces: &[[u32; 3]]) -> Beside {
+            let others = around.of(a as usize).iter().filter(|&&other| other != face);
+            let found = others.copied().find_map(|other: u32| {
                 let ends = faces[other as usize];
                 let end = (0..3).find(|&k| [ends[k], ends[(k + 1) % 3]] == [b, a])?;
                 Some(Beside { face: other, end: end as u32, across: ends[(end + 2) % 3] })
-            };
-            let others = around.of(a as usize).iter().filter(|&&other| other != face);
-            let found = others.copied().find_map(find);
+            });
             found.unwrap_or(Beside { face: NONE, end: 0, across: 0 })
-        };
-        let sides = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
-        let beside = (0u32..).zip(faces).map(|(face, &ends)| sides(ends).map(|s| across(face, s)));
+        }
+        fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+            [[a, b], [b, c], [c, a]]
+        }
+        let beside = (0u32..)
+            .zip(faces)
+            .map(|(face, &ends)| sides(ends).map(|s| across(face, s, &around, faces)));
         let beside = beside.collect();
         let mut ring = Vec::new();
         let rings = Lists::collect((0..vertices).map(|vertex| {
@@ -94,11 +98,14 @@ impl<'a> Surface<'a> {
         vertex: u32,
         limit: u32,
     ) -> Vector3<f64> {
-        let area = |&face: &u32| {
-            let [a, b, c] = self.faces[face as usize].map(|end| points[end as usize]);
-            (b - a).cross(&(c - a))
-        };
-        self.around(vertex).iter().filter(|face| **face < limit).map(area).sum()
+        self.around(vertex)
+            .iter()
+            .filter(|face| **face < limit)
+            .map(|&face| {
+                let [a, b, c] = self.faces[face as usize].map(|end| points[end as usize]);
+                (b - a).cross(&(c - a))
+            })
+            .sum()
     }
 
     /// The vertices within `radius` of a vertex that are reached over edges between such, the vertex first. Those for which `open`
@@ -138,13 +145,15 @@ impl<'a> Surface<'a> {
         to: &Point3<f64>,
         limit: u32,
     ) -> u32 {
-        let distance = |vertex: u32| (points[vertex as usize] - to).norm_squared();
-        let (mut here, mut least) = (from, distance(from));
+        fn distance(vertex: u32, to: &Point3<f64>, points: &[Point3<f64>]) -> f64 {
+            (points[vertex as usize] - to).norm_squared()
+        }
+        let (mut here, mut least) = (from, distance(from, to, points));
         loop {
             let before = here;
             for &other in self.ring(before) {
-                if other < limit && distance(other) < least {
-                    (here, least) = (other, distance(other));
+                if other < limit && distance(other, to, points) < least {
+                    (here, least) = (other, distance(other, to, points));
                 }
             }
             if here == before {

@@ -109,10 +109,14 @@ fn a_ridge_is_joined_better_than_by_a_plate() {
 
 /// Bumps that nothing repeats exactly.
 fn bumps() -> Filling {
-    let height = |x: f64, y: f64| {
-        0.08 * libm::sin(9.0 * x + 0.3) * libm::cos(8.0 * y) + 0.03 * libm::sin(17.0 * x - 13.0 * y)
-    };
-    let mut filling = grid(41, |x, y| x * x + y * y < 0.05, height);
+    let mut filling = grid(
+        41,
+        |x, y| x * x + y * y < 0.05,
+        |x: f64, y: f64| {
+            0.08 * libm::sin(9.0 * x + 0.3) * libm::cos(8.0 * y)
+                + 0.03 * libm::sin(17.0 * x - 13.0 * y)
+        },
+    );
     plate(&mut filling);
     filling
 }
@@ -193,16 +197,24 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
     for (center, found) in outcome.matches.iter().enumerate() {
         let mut patch = PatchSamples::default();
         search.take(&scene, center, &mut patch);
-        let compare = |exemplar: u32, turn: u8| {
+        fn compare(
+            exemplar: u32,
+            turn: u8,
+            patch: &PatchSamples,
+            exemplars: &exemplars::Exemplars,
+            completion_turns: &Turns,
+        ) -> f64 {
             let mut view = Vec::new();
-            patch.view(exemplars.lattice.step, completion.turns.of(turn), &mut view);
+            patch.view(exemplars.lattice.step, completion_turns.of(turn), &mut view);
             patch.compare(&view, exemplars.heights(exemplar), f64::INFINITY)
-        };
-        fast += compare(found.exemplar, found.turn);
+        }
+        fast += compare(found.exemplar, found.turn, &patch, &exemplars, &completion.turns);
         let turns = completion.turns.tried(&outcome.frames[center]);
         let all =
             (0..exemplars.len() as u32).flat_map(|k| turns.clone().map(move |turn| (k, turn)));
-        best += all.map(|(k, turn)| compare(k, turn as u8)).fold(f64::INFINITY, f64::min);
+        best += all
+            .map(|(k, turn)| compare(k, turn as u8, &patch, &exemplars, &completion.turns))
+            .fold(f64::INFINITY, f64::min);
         assert!(*found != Match::NOTHING);
     }
     [fast, best]
@@ -219,11 +231,14 @@ fn the_fast_search_finds_nearly_the_best() {
 #[test]
 fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
     // Roofs of many widths, steep and with gable ends.
-    let height = |x: f64, y: f64| {
-        let along = 3.0 * x + 0.8 * libm::sin(2.0 * y);
-        (0.12 * (along - along.round()).abs()).max(0.1 * (2.0 * y - (2.0 * y).round()).abs())
-    };
-    let mut filling = grid(71, |x, y| x * x + y * y < 0.1, height);
+    let mut filling = grid(
+        71,
+        |x, y| x * x + y * y < 0.1,
+        |x: f64, y: f64| {
+            let along = 3.0 * x + 0.8 * libm::sin(2.0 * y);
+            (0.12 * (along - along.round()).abs()).max(0.1 * (2.0 * y - (2.0 * y).round()).abs())
+        },
+    );
     plate(&mut filling);
     let options = ExemplarOptions { iterations: Some(0), ..ExemplarOptions::default() };
     let [fast, best] = found_and_best(&mut filling, &options);
@@ -232,14 +247,14 @@ fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
 
 #[test]
 fn threads_change_nothing() {
-    let complete = |threads: usize| {
+    fn complete(threads: usize) -> (Vec<Point3<f64>>, Vec<maquette_value::TraceStep>, Vec<u32>) {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut filling = bumps();
             let done = run(&mut filling, &ExemplarOptions::default());
             (filling.points, done.trace, done.copies.exemplar)
         })
-    };
+    }
     assert!(complete(1) == complete(3));
 }
 
@@ -266,11 +281,16 @@ fn the_published_update_rounds_a_cap_too() {
 #[test]
 fn a_filled_part_is_as_rough_as_what_is_around_it() {
     // Bumps of four edges, which a plate across the hole does not have.
-    let height = |x: f64, y: f64| 0.02 * libm::sin(40.0 * x) * libm::sin(40.0 * y);
-    let shared = grid(41, |x, y| x * x + y * y < 0.05, height);
+    let shared = grid(
+        41,
+        |x, y| x * x + y * y < 0.05,
+        |x: f64, y: f64| 0.02 * libm::sin(40.0 * x) * libm::sin(40.0 * y),
+    );
     let mut filling = shared.clone();
     plate(&mut filling);
-    let heights = |filling: &Filling| rms(filling.points[filling.data..].iter().map(|p| p.z));
+    fn heights(filling: &Filling) -> f64 {
+        rms(filling.points[filling.data..].iter().map(|p| p.z))
+    }
     let (truth, start) = (heights(&shared), heights(&filling));
     run(&mut filling, &ExemplarOptions::default());
     let end = heights(&filling);
@@ -289,19 +309,25 @@ fn bends(filling: &Filling, is_in: impl Fn([u32; 4]) -> bool) -> [f64; 5] {
 
 #[test]
 fn curls_go_on_as_sharp_and_as_flat_as_they_are_around() {
-    let height = |x: f64, y: f64| {
-        let curl = libm::sin(22.0 * x + 3.0 * libm::sin(9.0 * y));
-        0.04 * curl + 0.01 * libm::sin(31.0 * x - 27.0 * y)
-    };
-    let mut filling = grid(41, |x, y| x * x + y * y < 0.06, height);
+    let mut filling = grid(
+        41,
+        |x, y| x * x + y * y < 0.06,
+        |x: f64, y: f64| {
+            let curl = libm::sin(22.0 * x + 3.0 * libm::sin(9.0 * y));
+            0.04 * curl + 0.01 * libm::sin(31.0 * x - 27.0 * y)
+        },
+    );
     plate(&mut filling);
     let data = filling.data as u32;
     run(&mut filling, &ExemplarOptions::default());
     // As far from the hole as it is wide.
-    let near = |vertex: u32| filling.points[vertex as usize].xy().coords.norm() < 0.74;
+    fn near(vertex: u32, filling_points: &[Point3<f64>]) -> bool {
+        filling_points[vertex as usize].xy().coords.norm() < 0.74
+    }
     let inside = bends(&filling, |[a, b, c, d]| data <= a.max(b).max(c.min(d)));
-    let around =
-        bends(&filling, |corners| corners.iter().all(|&vertex| vertex < data && near(vertex)));
+    let around = bends(&filling, |corners| {
+        corners.iter().all(|&vertex| vertex < data && near(vertex, &filling.points))
+    });
     for (inside, around) in inside.iter().zip(around) {
         assert!((inside / around - 1.0).abs() < 0.15, "{inside} beside {around}");
     }
@@ -347,21 +373,28 @@ fn votes_carry_what_exemplars_have() {
 #[test]
 fn what_is_lost_on_one_side_grows_again_from_the_other() {
     // Two bumps, each steeper on the side away from the other.
-    let bump = |u: f64, v: f64| 0.2 * libm::exp(-(u * u + v * v) / 0.05) * (1.0 + 3.0 * u);
-    let height = |x: f64, y: f64| bump(-0.45 - x, y) + bump(x - 0.45, y);
-    let shared = grid(41, |x, y| libm::hypot(x - 0.45, y) < 0.22, height);
-    let off = |mirror: bool| {
+    fn bump(u: f64, v: f64) -> f64 {
+        0.2 * libm::exp(-(u * u + v * v) / 0.05) * (1.0 + 3.0 * u)
+    }
+    let shared = grid(
+        41,
+        |x, y| libm::hypot(x - 0.45, y) < 0.22,
+        |x: f64, y: f64| bump(-0.45 - x, y) + bump(x - 0.45, y),
+    );
+    fn off(mirror: bool, shared: &Filling) -> f64 {
         let mut filling = shared.clone();
         let data = filling.data;
         filling.points[data..].iter_mut().for_each(|point| point.z = 0.06);
-        let other = |point: &Point3<f64>| libm::hypot(point.x + 0.45, point.y) < 0.3;
-        let allowed = filling.points[..data].iter().map(other).collect();
+        let allowed = filling.points[..data]
+            .iter()
+            .map(|point| libm::hypot(point.x + 0.45, point.y) < 0.3)
+            .collect();
         let given = Given { allowed: Some(allowed), ..Given::default() };
         let options = ExemplarOptions { start: Start::Flat, mirror, ..ExemplarOptions::default() };
         complete(&mut filling, &options, &given, &Progress::none()).unwrap();
         let pairs = filling.points[data..].iter().zip(&shared.points[data..]);
         rms(pairs.map(|(point, truth)| point.z - truth.z))
-    };
-    let (alike, turned) = (off(false), off(true));
+    }
+    let (alike, turned) = (off(false, &shared), off(true, &shared));
     assert!(turned < 0.02 && turned < 0.8 * alike, "{alike} {turned}");
 }

@@ -64,11 +64,13 @@ mod tests {
     #[test]
     fn colors_that_change_to_one_side_suit_an_exemplar_that_is_turned_alike() {
         let corners = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
-        let along = |axis: usize| Tint::new(corners.iter().map(|&p| (p, [p[axis], 5.0, 0.0])));
+        fn along(axis: usize, corners: &[[f64; 2]; 4]) -> Tint {
+            Tint::new(corners.iter().map(|&p| (p, [p[axis], 5.0, 0.0])))
+        }
         // A quarter turn takes x to y.
         let turns = Turn::all(4, false);
-        assert!(along(0).compare(&along(1), &turns[1]) < 1e-12);
-        assert!((along(0).compare(&along(1), &turns[3]) - 1.0).abs() < 1e-12);
-        assert!((along(0).compare(&along(1), &turns[0]) - 0.5).abs() < 1e-12);
+        assert!(along(0, &corners).compare(&along(1, &corners), &turns[1]) < 1e-12);
+        assert!((along(0, &corners).compare(&along(1, &corners), &turns[3]) - 1.0).abs() < 1e-12);
+        assert!((along(0, &corners).compare(&along(1, &corners), &turns[0]) - 0.5).abs() < 1e-12);
     }
 }

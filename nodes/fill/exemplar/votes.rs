@@ -33,18 +33,22 @@ impl Votes {
         let patches = &outcome.patches;
         let of_site = |site: usize| -> Vec<(u32, f64)> {
             let point = points[patches.sites[site] as usize];
-            let vote = |&entry: &u32| {
-                let center = patches.centers[entry as usize] as usize;
-                let found = &outcome.matches[center];
-                if found.exemplar == NONE {
-                    return None;
-                }
-                let to = exemplars.place(found, turns, &outcome.frames[center], point);
-                let from = exemplars.vertices[found.exemplar as usize];
-                let vertex = surface.descend(points, from, &to, data as u32);
-                Some((vertex, outcome.shares[center]))
-            };
-            patches.entries.of(site).iter().filter_map(vote).collect()
+            patches
+                .entries
+                .of(site)
+                .iter()
+                .filter_map(|&entry| {
+                    let center = patches.centers[entry as usize] as usize;
+                    let found = &outcome.matches[center];
+                    if found.exemplar == NONE {
+                        return None;
+                    }
+                    let to = exemplars.place(found, turns, &outcome.frames[center], point);
+                    let from = exemplars.vertices[found.exemplar as usize];
+                    let vertex = surface.descend(points, from, &to, data as u32);
+                    Some((vertex, outcome.shares[center]))
+                })
+                .collect()
         };
         let found: Vec<Vec<(u32, f64)>> =
             (0..patches.movable).into_par_iter().with_min_len(64).map(of_site).collect();
@@ -70,15 +74,16 @@ impl Votes {
         &self,
         read: impl Fn(u32) -> [f64; N],
     ) -> Vec<Option<[f64; N]>> {
-        let mean = |filled: usize| {
-            let (mut sum, mut weight) = ([0.0; N], 0.0);
-            for &(vertex, share) in self.of(filled) {
-                let own = read(vertex);
-                (0..N).for_each(|k| sum[k] += share * own[k]);
-                weight += share;
-            }
-            (weight > 0.0).then(|| sum.map(|sum| sum / weight))
-        };
-        (0..self.starts.len() - 1).map(mean).collect()
+        (0..self.starts.len() - 1)
+            .map(|filled: usize| {
+                let (mut sum, mut weight) = ([0.0; N], 0.0);
+                for &(vertex, share) in self.of(filled) {
+                    let own = read(vertex);
+                    (0..N).for_each(|k| sum[k] += share * own[k]);
+                    weight += share;
+                }
+                (weight > 0.0).then(|| sum.map(|sum| sum / weight))
+            })
+            .collect()
     }
 }

@@ -146,11 +146,11 @@ fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
             grow(nodes, low, first);
             grow(nodes, high, first + half as u32);
         } else {
-            let grown = |own: &mut [(Bounds, u32)], first: u32| {
+            fn grown(own: &mut [(Bounds, u32)], first: u32) -> Vec<Node> {
                 let mut nodes = Vec::new();
                 grow(&mut nodes, own, first);
                 nodes
-            };
+            }
             let (low, high) =
                 rayon::join(|| grown(low, first), || grown(high, first + half as u32));
             nodes.extend(low);
@@ -167,9 +167,15 @@ mod tests {
 
     #[test]
     fn outcodes_tell_which_triangles_have_boxes_that_overlap() {
-        let point = |k: u64| Point3::from([0, 1, 2].map(|axis| 10.0 * random(3 * k + axis)));
-        let corners = |k: u64| [0, 1, 2].map(|corner| point(3 * k + corner));
-        let bounds = |k: u64| Triangle { vertices: [0; 3], corners: corners(k), face: 0 }.bounds();
+        fn point(k: u64) -> Point3<f64> {
+            Point3::from([0, 1, 2].map(|axis| 10.0 * random(3 * k + axis)))
+        }
+        fn corners(k: u64) -> [Point3<f64>; 3] {
+            [0, 1, 2].map(|corner| point(3 * k + corner))
+        }
+        fn bounds(k: u64) -> Bounds {
+            Triangle { vertices: [0; 3], corners: corners(k), face: 0 }.bounds()
+        }
         let mut counts = [0, 0];
         for (k, other) in (0..200).map(|k| (k, k + 1000)) {
             let [a, b, c] = corners(other).map(|corner| bounds(k).outcode(&corner));
@@ -183,16 +189,21 @@ mod tests {
     #[test]
     fn all_that_is_near_is_found() {
         // Small triangles and very large ones.
-        let coordinate = |k: u32| 10.0 * random(u64::from(k));
-        let triangle = |face: u32| {
+        fn coordinate(k: u32) -> f64 {
+            10.0 * random(u64::from(k))
+        }
+        fn triangle(face: u32) -> Triangle {
             let size = if face.is_multiple_of(50) { 5.0 } else { 0.2 };
             let at = Point3::new(coordinate(9 * face), coordinate(9 * face + 1), 0.3);
-            let corner = |k: u32| {
-                let [x, y] = [2 * k, 2 * k + 1].map(|i| coordinate(9 * face + 3 + i) - 5.0);
-                at + nalgebra::Vector3::new(x, y, 0.1 * y) * size
-            };
-            Triangle { vertices: [0; 3], corners: [0, 1, 2].map(corner), face }
-        };
+            Triangle {
+                vertices: [0; 3],
+                corners: [0, 1, 2].map(|k: u32| {
+                    let [x, y] = [2 * k, 2 * k + 1].map(|i| coordinate(9 * face + 3 + i) - 5.0);
+                    at + nalgebra::Vector3::new(x, y, 0.1 * y) * size
+                }),
+                face,
+            }
+        }
         for count in [0, 1, 4, 5, 300, 1500] {
             let boxes = Boxes::new((0..count).map(triangle));
             for of in (0..40).map(|k| triangle(k + 1000)) {

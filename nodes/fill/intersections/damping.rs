@@ -44,8 +44,11 @@ pub(crate) fn damp_displacements(
             filling.points[data + vertex] = start[vertex] + displacement * shares[vertex];
         }
         near[..data].fill(false);
-        let moved = |face: u32| filling.faces[face as usize].iter().any(|&v| near[v as usize]);
-        intersections.update(filling, moved, progress)?;
+        intersections.update(
+            filling,
+            |face: u32| filling.faces[face as usize].iter().any(|&v| near[v as usize]),
+            progress,
+        )?;
     }
     if intersections.faces(filling).len() < first {
         return Ok(());
@@ -58,11 +61,14 @@ pub(crate) fn damp_displacements(
 /// Takes in so many rings of neighbors, or as many as there are.
 fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
     for _ in 0..rings {
-        let at_edge = |face: &&[u32; 3]| {
-            let count = face.iter().filter(|&&vertex| near[vertex as usize]).count();
-            0 < count && count < 3
-        };
-        let ring: Vec<[u32; 3]> = faces.iter().filter(at_edge).copied().collect();
+        let ring: Vec<[u32; 3]> = faces
+            .iter()
+            .filter(|face| {
+                let count = face.iter().filter(|&&vertex| near[vertex as usize]).count();
+                0 < count && count < 3
+            })
+            .copied()
+            .collect();
         if ring.is_empty() {
             return;
         }
@@ -89,11 +95,13 @@ mod tests {
         let mut filling = Filling::new(&of(points, all.collect()));
         (filling.data, filling.kept) = (data, of_lower.len());
         let start = filling.points[data..].to_vec();
-        let bulge = |p: &Point3<f64>| {
-            let off = libm::hypot(p.x - 3.0, p.y - 3.0);
-            p + nalgebra::Vector3::z() * if off < 0.5 { -1.6 } else { 0.3 }
-        };
-        let completed: Vec<_> = start.iter().map(bulge).collect();
+        let completed: Vec<_> = start
+            .iter()
+            .map(|p| {
+                let off = libm::hypot(p.x - 3.0, p.y - 3.0);
+                p + nalgebra::Vector3::z() * if off < 0.5 { -1.6 } else { 0.3 }
+            })
+            .collect();
         filling.points.truncate(data);
         filling.points.extend(&completed);
         let progress = Progress::none();

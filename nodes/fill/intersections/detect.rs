@@ -76,16 +76,17 @@ impl Intersections {
         let ordinary = PAIRS_OF_EACH * (filling.faces.len() - filling.kept);
         let limit = Limit { most: PAIRS.most + ordinary, ..PAIRS };
         limit.check("what fills the holes", self.estimate(&leaves, &is_changed))?;
-        let of_leaves = |leaves: &[&[Boxed]]| {
-            let mut pairs = Vec::new();
-            for leaf in leaves {
-                progress.check()?;
-                self.test_leaf(leaf, &is_changed, &mut pairs);
-            }
-            Ok(pairs)
-        };
-        let found: Vec<Vec<[u32; 2]>> =
-            leaves.par_chunks(CHUNK).map(of_leaves).collect::<Result<_, FillError>>()?;
+        let found: Vec<Vec<[u32; 2]>> = leaves
+            .par_chunks(CHUNK)
+            .map(|leaves| {
+                let mut pairs = Vec::new();
+                for leaf in leaves {
+                    progress.check()?;
+                    self.test_leaf(leaf, &is_changed, &mut pairs);
+                }
+                Ok(pairs)
+            })
+            .collect::<Result<_, FillError>>()?;
         self.pairs.extend(found.into_iter().flatten());
         self.pairs.sort_unstable();
         Ok(())
@@ -94,16 +95,18 @@ impl Intersections {
     /// About how many pairs of a changed triangle and another one there are whose boxes overlap.
     fn estimate(&self, leaves: &[&[Boxed]], is_changed: &(impl Fn(u32) -> bool + Sync)) -> f64 {
         let step = leaves.len().div_ceil(SAMPLES).max(1);
-        let sampled = Vec::from_iter(leaves.iter().step_by(step));
-        let pairs = |leaf: &&&[Boxed]| {
-            let mut count = 0;
-            for own in leaf.iter().filter(|own| is_changed(own.triangle.face)) {
-                self.data.near(&own.bounds, |_| count += 1);
-                self.filled.near(&own.bounds, |_| count += 1);
-            }
-            count
-        };
-        let found: usize = sampled.par_iter().map(pairs).sum();
+        let sampled: Vec<_> = leaves.iter().step_by(step).collect();
+        let found: usize = sampled
+            .par_iter()
+            .map(|leaf| {
+                let mut count = 0;
+                for own in leaf.iter().filter(|own| is_changed(own.triangle.face)) {
+                    self.data.near(&own.bounds, |_| count += 1);
+                    self.filled.near(&own.bounds, |_| count += 1);
+                }
+                count
+            })
+            .sum();
         (found * step) as f64
     }
 
@@ -191,20 +194,24 @@ pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
         0 => {
             let Some(of_a) = sides(on_b, on_a) else { return false };
             let Some(of_b) = sides(on_a, on_b) else { return false };
-            let pierces = |edges: [Point3<f64>; 3], sides: [f64; 3], triangle| {
+            fn any_side_pierces(
+                edges: [Point3<f64>; 3],
+                sides: [f64; 3],
+                triangle: [Point3<f64>; 3],
+            ) -> bool {
                 (0..3)
                     .map(|k| [k, (k + 1) % 3])
                     .any(|ends| pierces(ends.map(|k| edges[k]), ends.map(|k| sides[k]), triangle))
-            };
-            pierces(on_a, of_a, on_b)
-                || pierces(on_b, of_b, on_a)
+            }
+            any_side_pierces(on_a, of_a, on_b)
+                || any_side_pierces(on_b, of_b, on_a)
                 || (of_a == [0.0; 3] && of_b == [0.0; 3] && overlap_in_plane(on_a, on_b))
         }
         1 => {
-            let opposite = |face: &Triangle, other: &Triangle| {
+            fn opposite(face: &Triangle, other: &Triangle) -> [Point3<f64>; 2] {
                 let k = (0..3).find(|&k| other.vertices.contains(&face.vertices[k])).unwrap_or(0);
                 [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
-            };
+            }
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
             // Where the plane of one contains nothing of the other but that vertex, they have no more in common.
             let Some(of_a) = sides(on_b, ends_a) else { return false };
@@ -219,7 +226,9 @@ pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
 }
 
 fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
-    let coord = |p: Point3<f64>| Coord3D { x: p.x, y: p.y, z: p.z };
+    fn coord(p: Point3<f64>) -> Coord3D<f64> {
+        Coord3D { x: p.x, y: p.y, z: p.z }
+    }
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
@@ -257,14 +266,16 @@ fn best_axis(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> usize {
 fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
     let drop = best_axis(a, b);
     let (a, b) = (flattened(a, drop), flattened(b, drop));
-    let cross = |[p, q]: [Coord<f64>; 2], [r, s]: [Coord<f64>; 2]| {
+    fn cross([p, q]: [Coord<f64>; 2], [r, s]: [Coord<f64>; 2]) -> bool {
         orient2d(p, q, r) * orient2d(p, q, s) < 0.0 && orient2d(r, s, p) * orient2d(r, s, q) < 0.0
-    };
-    let edges = |t: [Coord<f64>; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
-    let within = |p: Coord<f64>, t: [Coord<f64>; 3]| {
+    }
+    fn edges(t: [Coord<f64>; 3]) -> [[Coord<f64>; 2]; 3] {
+        [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]
+    }
+    fn within(p: Coord<f64>, t: [Coord<f64>; 3]) -> bool {
         let sides = edges(t).map(|[from, to]| orient2d(from, to, p));
         sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
-    };
+    }
     edges(a).into_iter().any(|edge| edges(b).into_iter().any(|other| cross(edge, other)))
         || a.into_iter().any(|corner| within(corner, b))
         || b.into_iter().any(|corner| within(corner, a))
@@ -272,9 +283,9 @@ fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
 
 /// Whether two triangles at one edge lie in one plane, on the same side of the edge.
 fn is_folded(one: &Triangle, other: &Triangle) -> bool {
-    let apex = |face: &Triangle, vertices: [u32; 3]| {
+    fn apex(face: &Triangle, vertices: [u32; 3]) -> usize {
         (0..3).find(|&k| !vertices.contains(&face.vertices[k])).unwrap_or(0)
-    };
+    }
     let (k, l) = (apex(one, other.vertices), apex(other, one.vertices));
     let q = other.corners[l];
     if side(one.corners, q) != 0.0 {
@@ -314,8 +325,13 @@ mod tests {
                 moved[vertex] = true;
             }
             let faces = filling.faces.clone();
-            let changed = |face: u32| faces[face as usize].iter().any(|&v| moved[v as usize]);
-            intersections.update(&filling, changed, &progress).unwrap();
+            intersections
+                .update(
+                    &filling,
+                    |face: u32| faces[face as usize].iter().any(|&v| moved[v as usize]),
+                    &progress,
+                )
+                .unwrap();
             let all = Intersections::new(&filling, &progress).unwrap();
             assert_eq!(intersections.pairs(), all.pairs());
             counts.push(all.pairs().len());
@@ -325,19 +341,17 @@ mod tests {
 
     #[test]
     fn triangles_intersect_in_more_than_corners_and_edges() {
-        let check = |one: [[f64; 3]; 3], numbers: [u32; 3], other: [[f64; 3]; 3], meets: bool| {
-            let triangle = |vertices, corners: [[f64; 3]; 3]| Triangle {
-                vertices,
-                corners: corners.map(Point3::from),
-                face: 0,
-            };
+        fn check(one: [[f64; 3]; 3], numbers: [u32; 3], other: [[f64; 3]; 3], meets: bool) {
+            fn triangle(vertices: [u32; 3], corners: [[f64; 3]; 3]) -> Triangle {
+                Triangle { vertices, corners: corners.map(Point3::from), face: 0 }
+            }
             let (one, other) = (triangle([0, 1, 2], one), triangle(numbers, other));
             assert_eq!(
                 [intersect(&one, &other), intersect(&other, &one)],
                 [meets; 2],
                 "{numbers:?}"
             );
-        };
+        }
         let [o, x, y, z] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let [low, in_middle] = [[0.2, 0.2, -1.0], [0.2, 0.2, 1.0]];
         check([o, x, y], [3, 4, 5], [low, in_middle, [9.0, 9.0, 0.0]], true);

@@ -88,12 +88,14 @@ fn triangle(triangulation: &Triangulation, rim: &Rim, face: u32) -> Option<Trian
 }
 
 fn named(triangulation: &Triangulation, rim: &Rim, corners: [u32; 3], face: u32) -> Triangle {
-    let number = |vertex: u32| match rim.vertices.get(vertex as usize) {
-        Some(&data) => data,
-        None => NONE - vertex,
-    };
-    let place = |vertex: u32| triangulation.points[vertex as usize];
-    Triangle { vertices: corners.map(number), corners: corners.map(place), face }
+    Triangle {
+        vertices: corners.map(|vertex: u32| match rim.vertices.get(vertex as usize) {
+            Some(&data) => data,
+            None => NONE - vertex,
+        }),
+        corners: corners.map(|vertex: u32| triangulation.points[vertex as usize]),
+        face,
+    }
 }
 
 impl Repair<'_> {
@@ -108,20 +110,25 @@ impl Repair<'_> {
 
     /// How many intersections these triangles would have, with each other included, if they took the place of some faces.
     fn count(&self, triangles: &[Triangle], replaced: &[u32]) -> usize {
-        let is_there = |face: &u32| !replaced.contains(face);
-        let changed = self.changed.iter().filter(|face| is_there(face));
+        fn is_there(face: &u32, replaced: &[u32]) -> bool {
+            !replaced.contains(face)
+        }
+        let changed = self.changed.iter().filter(|face| is_there(face, replaced));
         let changed: Vec<Triangle> = changed.filter_map(|&face| self.triangle(face)).collect();
         let mut count = 0;
         for (k, triangle) in triangles.iter().enumerate() {
-            let count_one = || self.comparisons.set(self.comparisons.get() + 1);
+            fn count_one(comparisons: &Cell<usize>) {
+                comparisons.set(comparisons.get() + 1)
+            }
             self.obstacles.intersections.with(triangle, |face| {
-                count_one();
+                count_one(&self.comparisons);
                 count += usize::from(!self.obstacles.own.contains(&face));
             });
             self.all.near(&triangle.bounds(), |other| {
-                count_one();
+                count_one(&self.comparisons);
                 let other = &other.triangle;
-                let is_same = is_there(&other.face) && !self.changed.contains(&other.face);
+                let is_same =
+                    is_there(&other.face, replaced) && !self.changed.contains(&other.face);
                 count += usize::from(is_same && intersect(triangle, other));
             });
             let others = changed.iter().chain(&triangles[k + 1..]);
@@ -157,7 +164,7 @@ impl Repair<'_> {
 
     /// The faces that a change affects, and the triangles that take their place.
     fn outcome(&self, change: Change) -> (Vec<u32>, Vec<Triangle>) {
-        let named = |corners, face| named(self.triangulation, self.obstacles.rim, corners, face);
+        let (triangulation, rim) = (&*self.triangulation, self.obstacles.rim);
         match change {
             Change::Flip(half) => {
                 let twin = self.triangulation.twins[half as usize];
@@ -165,18 +172,30 @@ impl Repair<'_> {
                 let [c, d] =
                     [half, twin].map(|half| self.triangulation.corners[previous(half) as usize]);
                 let (f, g) = (half / 3, twin / 3);
-                (vec![f, g], vec![named([a, d, c], f), named([d, b, c], g)])
+                (
+                    vec![f, g],
+                    vec![
+                        named(triangulation, rim, [a, d, c], f),
+                        named(triangulation, rim, [d, b, c], g),
+                    ],
+                )
             }
             Change::Collapse(half) => {
                 let [v, u] = self.triangulation.ends(half);
                 let faces: Vec<u32> = self.triangulation.around(v).map(|half| half / 3).collect();
-                let corners = |face: u32| {
-                    [0, 1, 2].map(|k| self.triangulation.corners[3 * face as usize + k])
-                };
-                let left = faces.iter().map(|&face| (face, corners(face)));
+                fn corners(face: u32, triangulation_corners: &[u32]) -> [u32; 3] {
+                    [0, 1, 2].map(|k| triangulation_corners[3 * face as usize + k])
+                }
+                let left =
+                    faces.iter().map(|&face| (face, corners(face, &self.triangulation.corners)));
                 let left =
                     left.filter(|(_, corners)| !corners.contains(&u)).map(|(face, corners)| {
-                        named(corners.map(|vertex| if vertex == v { u } else { vertex }), face)
+                        named(
+                            triangulation,
+                            rim,
+                            corners.map(|vertex| if vertex == v { u } else { vertex }),
+                            face,
+                        )
                     });
                 let left = left.collect();
                 (faces, left)

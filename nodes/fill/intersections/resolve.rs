@@ -91,13 +91,15 @@ impl HoleFills<'_> {
     ) -> Result<(), FillError> {
         let (before, begins) = (self.counts(), self.begins());
         // Wrong creases make many intersections, and are not repaired.
-        let is_misfit = |hole: usize| self.fills[hole].is_sharp && before[hole] > MOST_REPAIRED;
-        let is_unasked = |hole: usize| {
-            options.method == PlainMethod::PlateOrCreases && self.fills[hole].is_sharp
-        };
-        let intersecting = holes
-            .par_iter()
-            .filter(|&&hole| before[hole] > 0 && !(method.is_none() && is_misfit(hole)));
+        fn is_misfit(hole: usize, before: &[usize], fills: &[HoleFill]) -> bool {
+            fills[hole].is_sharp && before[hole] > MOST_REPAIRED
+        }
+        fn is_unasked(hole: usize, options_method: &PlainMethod, fills: &[HoleFill]) -> bool {
+            *options_method == PlainMethod::PlateOrCreases && fills[hole].is_sharp
+        }
+        let intersecting = holes.par_iter().filter(|&&hole| {
+            before[hole] > 0 && !(method.is_none() && is_misfit(hole, &before, self.fills))
+        });
         let other = |&hole: &usize| {
             let rim = Rim::new(self.filling, self.one_rings, &self.holes[hole]);
             let mut fill = match method {
@@ -110,7 +112,12 @@ impl HoleFills<'_> {
                         progress,
                     ) {
                         // Creases that the user did not ask for are given up without a warning.
-                        Ok(fill) if method == PlainMethod::ThinPlate && is_unasked(hole) => fill,
+                        Ok(fill)
+                            if method == PlainMethod::ThinPlate
+                                && is_unasked(hole, &options.method, self.fills) =>
+                        {
+                            fill
+                        }
                         Ok(fill) => HoleFill { fallback: Some(Fallback::Intersection), ..fill },
                         Err(Stop::Cancelled) => return Err(Cancelled.into()),
                         // A fill that would be too large is not tried.
@@ -149,14 +156,19 @@ impl HoleFills<'_> {
         }
         self.filling.add_all(self.holes, self.fills);
         let new = self.begins();
-        let hole_of = |begins: &[u32], face: u32| begins.partition_point(|&begin| begin <= face);
+        fn hole_of(begins: &[u32], face: u32) -> usize {
+            begins.partition_point(|&begin| begin <= face)
+        }
         self.intersections.renumber(|face| match hole_of(&old, face) {
             0 => Some(face),
             hole if is_other[hole - 1] => None,
             hole => Some(face - old[hole - 1] + new[hole - 1]),
         });
-        let changed = |face: u32| is_other[hole_of(&new, face) - 1];
-        self.intersections.update(self.filling, changed, progress)
+        self.intersections.update(
+            self.filling,
+            |face: u32| is_other[hole_of(&new, face) - 1],
+            progress,
+        )
     }
 
     /// The first face of each fill, and last the number of all faces.
@@ -175,10 +187,13 @@ impl HoleFills<'_> {
         let mut in_the_way = Vec::new();
         for &[face, filled] in self.intersections.pairs() {
             let hole = begins.partition_point(|&begin| begin <= filled) - 1;
-            let component = |vertex: u32| components.of(vertex);
+            fn component(vertex: u32, components: &Components) -> u32 {
+                components.of(vertex)
+            }
             let is_data = (face as usize) < self.filling.kept;
             let other = self.filling.faces[face as usize][0];
-            if is_data && component(other) != component(self.holes[hole][0]) {
+            if is_data && component(other, components) != component(self.holes[hole][0], components)
+            {
                 in_the_way.push(hole);
             }
         }
@@ -191,9 +206,12 @@ impl HoleFills<'_> {
     /// Whether the data at a rim intersect other data.
     fn has_intersecting_data(&self, hole: usize) -> bool {
         let at_rim = self.holes[hole].iter().flat_map(|&vertex| self.one_rings.of(vertex));
-        let place = |vertex: u32| self.filling.points[vertex as usize];
         at_rim.copied().any(|vertices| {
-            let triangle = Triangle { vertices, corners: vertices.map(place), face: NONE };
+            let triangle = Triangle {
+                vertices,
+                corners: vertices.map(|vertex: u32| self.filling.points[vertex as usize]),
+                face: NONE,
+            };
             let mut intersects = false;
             self.intersections.with(&triangle, |face| {
                 let is_data = (face as usize) < self.filling.kept;
@@ -206,8 +224,10 @@ impl HoleFills<'_> {
     /// How many filled triangles of each hole intersect others.
     fn counts(&self) -> Vec<usize> {
         let faces = self.intersections.faces(self.filling);
-        let place = |end: u32| faces.partition_point(|&face| face < end);
+        fn place(end: u32, faces: &[u32]) -> usize {
+            faces.partition_point(|&face| face < end)
+        }
         let begins = self.begins();
-        begins.windows(2).map(|ends| place(ends[1]) - place(ends[0])).collect()
+        begins.windows(2).map(|ends| place(ends[1], &faces) - place(ends[0], &faces)).collect()
     }
 }

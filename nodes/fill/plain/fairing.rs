@@ -69,10 +69,6 @@ struct Laplacian {
 impl Laplacian {
     fn new(triangulation: &Triangulation, rim: &Rim) -> Self {
         let count = triangulation.points.len();
-        let place = |vertex: u32| {
-            let vertex = vertex as usize;
-            if vertex < count { triangulation.points[vertex] } else { rim.ring[vertex - count] }
-        };
         let fixed = triangulation.fixed as u32;
         let outside = rim.triangles.iter().map(|face| {
             // Those of the ring stand behind all vertices of the triangulation.
@@ -84,7 +80,10 @@ impl Laplacian {
         let mut normals = vec![Vector3::zeros(); count];
         let mut links: Vec<(u32, u32, f64)> = Vec::with_capacity(12 * count);
         for face in inside.chain(outside) {
-            let points = face.map(place);
+            let points = face.map(|vertex: u32| {
+                let vertex = vertex as usize;
+                if vertex < count { triangulation.points[vertex] } else { rim.ring[vertex - count] }
+            });
             let area = area_vector(points);
             let double = area.norm();
             for k in 0..3 {
@@ -113,8 +112,8 @@ impl Laplacian {
 
     /// Makes rows of links, of which two faces give each one half.
     fn gather(&mut self, count: usize, links: &[(u32, u32, f64)]) {
-        let links = || links.iter().map(|&(from, to, weight)| (from, (to, weight)));
-        let links = Lists::group(count, links);
+        let links =
+            Lists::group(count, || links.iter().map(|&(from, to, weight)| (from, (to, weight))));
         self.starts.push(0);
         for row in 0..count {
             let first = self.columns.len();
@@ -170,11 +169,12 @@ impl Laplacian {
 
     /// Of each vertex twice the mean curvature of the surface as it is.
     fn curvatures(&self, place: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
-        let curvature = |row: usize| {
-            let sum: Vector3<f64> = self.row(row).map(|(column, w)| place(column) * w).sum();
-            sum.dot(&self.normals[row]) / self.areas[row]
-        };
-        (0..self.areas.len()).map(curvature).collect()
+        (0..self.areas.len())
+            .map(|row: usize| {
+                let sum: Vector3<f64> = self.row(row).map(|(column, w)| place(column) * w).sum();
+                sum.dot(&self.normals[row]) / self.areas[row]
+            })
+            .collect()
     }
 
     /// The Laplacian of the curvature vectors at a vertex if that of their lengths is 0: what remains is how the normals around it turn.
@@ -197,8 +197,9 @@ fn solve(
     let count = triangulation.points.len();
     let mut unknowns = vec![NONE; count + rim.ring.len()];
     let mut vertices = Vec::new();
-    let alive = |&vertex: &usize| triangulation.leaving[vertex] != NONE;
-    for vertex in (triangulation.fixed..count).filter(alive) {
+    for vertex in
+        (triangulation.fixed..count).filter(|&vertex| triangulation.leaving[vertex] != NONE)
+    {
         unknowns[vertex] = vertices.len() as u32;
         vertices.push(vertex);
     }
@@ -208,15 +209,22 @@ fn solve(
     // Relative to the centroid of the rim, so that no digits are lost if the hole is far from the origin.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
     let origin = Point3::from(sum / rim.len() as f64);
-    let place = |vertex: usize| {
-        if vertex < count {
-            triangulation.points[vertex] - origin
-        } else {
-            rim.ring[vertex - count] - origin
-        }
-    };
     let ((matrix, mut right), dissection) = rayon::join(
-        || equations(&laplacian, &vertices, &unknowns, place, energy),
+        || {
+            equations(
+                &laplacian,
+                &vertices,
+                &unknowns,
+                |vertex: usize| {
+                    if vertex < count {
+                        triangulation.points[vertex] - origin
+                    } else {
+                        rim.ring[vertex - count] - origin
+                    }
+                },
+                energy,
+            )
+        },
         || laplacian.dissection(&vertices, &unknowns, energy),
     );
     let Some(factors) = Cholesky::ordered(&matrix, &dissection, progress)? else { return Ok(None) };

@@ -63,9 +63,11 @@ pub(crate) fn fill_hole(
         }
     }
     // A rim that is too rough for a plate, or has few edges, may seem to have creases by chance.
-    let are_creases_certain = || fallback.is_none() && LEAST_RIM <= rim.len();
+    fn are_creases_certain(fallback: &Option<Fallback>, rim: &Rim) -> bool {
+        fallback.is_none() && LEAST_RIM <= rim.len()
+    }
     let is_asked = method == PlainMethod::CreaseAware;
-    if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain() {
+    if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain(&fallback, rim) {
         match sharpen::sharpen(filling, &triangulation, rim, &sizes, progress)? {
             Some(sharp) => {
                 return Ok(HoleFill { triangulation: sharp, fallback: None, is_sharp: true });
@@ -127,10 +129,10 @@ fn plate(
 
 fn goes_too_far(triangulation: &Triangulation, rim: &Rim) -> bool {
     let centroid = centroid(rim);
-    let farthest = |points: &[Point3<f64>]| {
+    fn farthest(points: &[Point3<f64>], centroid: Point3<f64>) -> f64 {
         points.iter().map(|point| (point - centroid).norm()).fold(0.0, f64::max)
-    };
-    farthest(&triangulation.points) > FARTHEST * farthest(&rim.points)
+    }
+    farthest(&triangulation.points, centroid) > FARTHEST * farthest(&rim.points, centroid)
 }
 
 fn centroid(rim: &Rim) -> Point3<f64> {
@@ -156,9 +158,17 @@ fn fan(rim: &Rim, halved: bool) -> Triangulation {
     let faces: Vec<[u32; 3]> = if halved {
         let hub = centroid(rim);
         points.extend(rim.points.iter().map(|point| nalgebra::center(point, &hub)));
-        let half = |k: u32| count + 1 + k;
+        fn half(k: u32, count: u32) -> u32 {
+            count + 1 + k
+        }
         edges
-            .flat_map(|(a, b)| [[a, b, half(b)], [a, half(b), half(a)], [half(a), half(b), count]])
+            .flat_map(|(a, b)| {
+                [
+                    [a, b, half(b, count)],
+                    [a, half(b, count), half(a, count)],
+                    [half(a, count), half(b, count), count],
+                ]
+            })
             .collect()
     } else {
         edges.map(|(a, b)| [a, b, count]).collect()

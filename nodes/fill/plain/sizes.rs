@@ -31,8 +31,13 @@ impl Sizes {
         let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
         let middles = rim.points.chunks(chunk).map(|points| points[points.len() / 2]);
         let middles: Vec<Point3<f64>> = middles.collect();
-        let mean = |lengths: &[f64]| lengths.iter().sum::<f64>() / lengths.len() as f64;
-        Self::of(&middles, rim.lengths.chunks(chunk).map(mean).collect())
+        Self::of(
+            &middles,
+            rim.lengths
+                .chunks(chunk)
+                .map(|lengths| lengths.iter().sum::<f64>() / lengths.len() as f64)
+                .collect(),
+        )
     }
 
     fn of(places: &[Point3<f64>], mut lengths: Vec<f64>) -> Self {

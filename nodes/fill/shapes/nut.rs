@@ -7,15 +7,17 @@ use nalgebra::{Point3, center};
 /// Of a nut with its bore along `y`: vertices, and triangles of about one mm. It is 20 mm from the middle to an outer corner, 20 mm high,
 /// and its bore is half as wide.
 pub(crate) fn nut(sides: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let corner = |k: u32, radius: f64, y: f64| {
+    fn corner(k: u32, radius: f64, y: f64, sides: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k % sides) / f64::from(sides);
         Point3::new(radius * libm::sin(angle), y, radius * libm::cos(angle))
-    };
+    }
     let mut nut = Nut::default();
     for k in 0..sides {
-        let at = |radius: f64, y: f64| [corner(k, radius, y), corner(k + 1, radius, y)];
-        let ([a, b], [c, d]) = (at(20.0, -10.0), at(20.0, 10.0));
-        let ([e, f], [g, h]) = (at(10.0, -10.0), at(10.0, 10.0));
+        fn at(radius: f64, y: f64, k: u32, sides: u32) -> [Point3<f64>; 2] {
+            [corner(k, radius, y, sides), corner(k + 1, radius, y, sides)]
+        }
+        let ([a, b], [c, d]) = (at(20.0, -10.0, k, sides), at(20.0, 10.0, k, sides));
+        let ([e, f], [g, h]) = (at(10.0, -10.0, k, sides), at(10.0, 10.0, k, sides));
         for quad in [[a, b, d, c], [c, d, h, g], [g, h, f, e], [e, f, b, a]] {
             nut.add(quad);
         }
@@ -35,7 +37,9 @@ impl Nut {
     fn add(&mut self, [a, b, c, d]: [Point3<f64>; 4]) {
         let columns = 16;
         let rows = (b - c).norm().round() as u32;
-        let mix = |p: Point3<f64>, q: Point3<f64>, t: f64| p + (q - p) * t;
+        fn mix(p: Point3<f64>, q: Point3<f64>, t: f64) -> Point3<f64> {
+            p + (q - p) * t
+        }
         let mut number = |i: u32, j: u32| {
             let [s, t] = [f64::from(i) / f64::from(columns), f64::from(j) / f64::from(rows)];
             let point = mix(mix(a, b, s), mix(d, c, s), t);

@@ -9,9 +9,9 @@ use super::*;
 /// The surface of a cube with a corner at the origin and sides of 16 squares of side 1.
 fn cube() -> Mesh {
     let count = 16;
-    let side = |to: fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
+    fn side(to: fn(f64, f64) -> Point3<f64>, count: u32) -> Vec<Point3<f64>> {
         grid(count + 1, count + 1, |_, _| 0.0).positions().iter().map(|p| to(p.x, p.y)).collect()
-    };
+    }
     let sides: [fn(f64, f64) -> Point3<f64>; 6] = [
         |x, y| Point3::new(x, y, 16.0),
         |x, y| Point3::new(y, x, 0.0),
@@ -23,7 +23,7 @@ fn cube() -> Mesh {
     let mut numbers = std::collections::BTreeMap::new();
     let (mut points, mut faces) = (Vec::new(), Vec::new());
     for to in sides {
-        let own = side(to);
+        let own = side(to, count);
         let ids: Vec<u32> = own
             .iter()
             .map(|p| {
@@ -43,9 +43,13 @@ fn cube() -> Mesh {
 
 #[test]
 fn the_corner_of_a_cube_is_sharp_again() {
-    let ball = |p: &Point3<f64>| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0;
+    fn ball(p: &Point3<f64>) -> bool {
+        (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0
+    }
     // With a strip beside an edge missing, too, the rim runs along the crease.
-    let strip = |p: &Point3<f64>| p.x == 16.0 && p.y > 14.5 && p.y < 16.0 && p.z > 5.5;
+    fn strip(p: &Point3<f64>) -> bool {
+        p.x == 16.0 && p.y > 14.5 && p.y < 16.0 && p.z > 5.5
+    }
     for has_strip in [false, true] {
         let mesh = without(&cube(), |p| ball(p) || (has_strip && strip(p)));
         let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
@@ -65,9 +69,11 @@ fn the_corner_of_a_cube_is_sharp_again() {
 
 /// The mesh with its vertices moved along its normals, by so much in the mean square.
 fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
-    let gauss = |k: u64| (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0;
+    fn gauss(k: u64, seed: u64) -> f64 {
+        (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0
+    }
     let points = mesh.positions().iter().zip(mesh.vertex_normals()).zip(0u64..);
-    let moved = points.map(|((point, normal), k)| point + normal * (deviation * gauss(k)));
+    let moved = points.map(|((point, normal), k)| point + normal * (deviation * gauss(k, seed)));
     mesh.clone().with_positions(moved.collect()).unwrap()
 }
 
@@ -114,10 +120,17 @@ fn creases_of_noisy_data_go_on_too() {
 
 #[test]
 fn noise_makes_no_creases() {
-    let hills = |x: f64, y: f64| 1.5 * libm::sin(0.3 * x) * libm::cos(0.25 * y + 0.4);
     let round = without(&sphere(4), |p| p.z > 0.85);
     let smooth = [
-        (without(&grid(30, 30, hills), |p| libm::hypot(p.x - 15.0, p.y - 14.0) < 6.0), 1.0),
+        (
+            without(
+                &grid(30, 30, |x: f64, y: f64| {
+                    1.5 * libm::sin(0.3 * x) * libm::cos(0.25 * y + 0.4)
+                }),
+                |p| libm::hypot(p.x - 15.0, p.y - 14.0) < 6.0,
+            ),
+            1.0,
+        ),
         (without(&grid(30, 30, |_, _| 0.0), |p| libm::hypot(p.x - 15.0, p.y - 14.0) < 6.0), 1.0),
         (round, 0.08),
     ];
@@ -139,20 +152,25 @@ fn edges_of_a_nut_run_on_and_meet_in_exemplar_fills() {
         let whole = of(points, faces);
         let mesh = without(&whole, |point| is_lost(point, sides));
         let tree = TriangleTree::new(&whole);
-        let off = |method: FillMethod| {
-            let filled = fill(&mesh, HoleChoice::All, method).unwrap();
-            assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-            // Vertices and the middles of faces: a face over a crease is off in its middle.
-            let place = |vertex: &u32| filled.mesh.positions()[*vertex as usize].coords;
-            let faces = filled.mesh.faces().iter().skip(mesh.faces().len());
-            let middles =
-                faces.map(|face| (face.iter().map(place).sum::<Vector3<f64>>() / 3.0).into());
-            let added = filled.mesh.positions()[mesh.positions().len()..].iter().copied();
-            let points: Vec<Point3<f64>> = added.chain(middles).collect();
-            let near = tree.nearest_to_all(&points).into_iter().flatten();
-            (near.map(|place| place.distance_sq).sum::<f64>() / points.len() as f64).sqrt()
-        };
-        let [plate, sharp] = [FillMethod::ThinPlate, FillMethod::default()].map(off);
+        let [plate, sharp] =
+            [FillMethod::ThinPlate, FillMethod::default()].map(|method: FillMethod| {
+                let filled = fill(&mesh, HoleChoice::All, method).unwrap();
+                assert_eq!(check_kept(&mesh, &filled.mesh), 0);
+                // Vertices and the middles of faces: a face over a crease is off in its middle.
+                let faces = filled.mesh.faces().iter().skip(mesh.faces().len());
+                let middles = faces.map(|face| {
+                    (face
+                        .iter()
+                        .map(|vertex| filled.mesh.positions()[*vertex as usize].coords)
+                        .sum::<Vector3<f64>>()
+                        / 3.0)
+                        .into()
+                });
+                let added = filled.mesh.positions()[mesh.positions().len()..].iter().copied();
+                let points: Vec<Point3<f64>> = added.chain(middles).collect();
+                let near = tree.nearest_to_all(&points).into_iter().flatten();
+                (near.map(|place| place.distance_sq).sum::<f64>() / points.len() as f64).sqrt()
+            });
         // Edges are 1.2 mm long, about.
         assert!(sharp < most && sharp < 0.1 * plate, "{sides}: {plate} {sharp}");
     }

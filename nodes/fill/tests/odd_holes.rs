@@ -5,12 +5,12 @@ use super::*;
 /// Fills the holes of up to so many edges in all ways: the results are surfaces that run through nothing and go about as far as the data,
 /// by `share` of its size. Gives how many border edges are left.
 fn check(mesh: &Mesh, max: usize, share: f64) -> usize {
-    let bounds = |mesh: &Mesh| {
+    fn bounds(mesh: &Mesh) -> (Point3<f64>, Point3<f64>) {
         let points = mesh.positions().iter();
         points.fold((mesh.positions()[0], mesh.positions()[0]), |(low, high), p| {
             (low.inf(p), high.sup(p))
         })
-    };
+    }
     let (low, high) = bounds(mesh);
     let allowed = share * (high - low).norm();
     let exemplar =
@@ -50,22 +50,30 @@ fn long_and_winding_holes_are_filled() {
 
 #[test]
 fn holes_in_sheets_close_together_stay_apart() {
-    let hills = |x: f64, y: f64| 0.3 * libm::sin(0.3 * x) + 0.01 * y;
+    fn hills(x: f64, y: f64) -> f64 {
+        0.3 * libm::sin(0.3 * x) + 0.01 * y
+    }
     let lower = without(&grid(24, 24, hills), |p| off(p, 12.0, 12.0) < 6.0);
     let upper = grid(24, 24, |x, y| hills(x, y) + 0.1);
     let upper = without(&upper, |p| off(p, 13.0, 11.0) < 5.0);
     let data = lower.positions().len() as u32;
     let points = lower.positions().iter().chain(upper.positions().iter()).copied();
     let faces = lower.faces().as_triangles().unwrap().to_vec();
-    let turned = |face: &[u32; 3]| [face[0], face[2], face[1]].map(|vertex| vertex + data);
-    let above = upper.faces().as_triangles().unwrap().iter().map(turned);
+    let above = upper
+        .faces()
+        .as_triangles()
+        .unwrap()
+        .iter()
+        .map(|face| [face[0], face[2], face[1]].map(|vertex| vertex + data));
     let both = of(points.collect(), faces.into_iter().chain(above).collect());
     assert_eq!(check(&both, 60, 0.02), 2 * 4 * 23);
 }
 
 #[test]
 fn density_may_change_across_a_hole() {
-    let spread = |t: f64| 0.05 * (libm::exp(t / 13.0) - 1.0);
+    fn spread(t: f64) -> f64 {
+        0.05 * (libm::exp(t / 13.0) - 1.0)
+    }
     let even = grid(40, 40, |x, _| 0.2 * libm::sin(4.0 * spread(x)));
     let points = even.positions().iter().map(|p| Point3::new(spread(p.x), spread(p.y), p.z));
     let uneven = even.with_positions(points.collect()).unwrap();

@@ -9,12 +9,12 @@ use super::*;
 fn sheet() -> Mesh {
     let whole = grid(41, 41, |_, _| 0.0);
     let mesh = without(&whole, |p| (p - Point3::new(20.0, 20.0, 0.0)).norm() < 4.5);
-    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
+    let points = mesh.positions();
     let shown = mesh.faces().iter().flat_map(|face| {
-        let is_right = face.iter().map(|vertex| place(vertex).x).sum::<f64>() > 60.0;
+        let is_right = face.iter().map(|vertex| points[*vertex as usize].x).sum::<f64>() > 60.0;
         let aside = if is_right { 0.5 } else { 0.0 };
         face.iter().map(move |vertex| {
-            let p = place(vertex);
+            let p = points[*vertex as usize];
             [p.x / 100.0 + aside, p.y / 100.0]
         })
     });
@@ -79,11 +79,13 @@ const BLUE: [u8; 3] = [30, 60, 190];
 /// A sheet with waves, red around its hole and on the left, where they are lower, and blue on the right, where they are as high as around
 /// the hole.
 fn two_colors() -> Mesh {
-    let height = |x: f64| 0.25 + 0.05 * libm::tanh(x - 6.0);
+    fn height(x: f64) -> f64 {
+        0.25 + 0.05 * libm::tanh(x - 6.0)
+    }
     let whole = grid(41, 41, |x, y| height(x) * libm::sin(0.9 * y));
     let mesh = without(&whole, |p| (p - Point3::new(14.0, 20.0, 0.0)).norm() < 4.5);
-    let color = |p: &Point3<f64>| if p.x < 24.0 { RED } else { BLUE };
-    let colors: Vec<[u8; 3]> = mesh.positions().iter().map(color).collect();
+    let colors: Vec<[u8; 3]> =
+        mesh.positions().iter().map(|p| if p.x < 24.0 { RED } else { BLUE }).collect();
     mesh.with_vertex("color", Attribute::Color(colors.into())).unwrap()
 }
 
@@ -92,9 +94,13 @@ fn two_colored_picture() -> Mesh {
     let mesh = two_colors().without("color");
     let texels = (0..40 * 40).map(|k| if k % 40 < 24 { RED } else { BLUE });
     let picture = Image::new(40, 40, texels.collect::<Vec<_>>()).unwrap();
-    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
-    let uv: Vec<[f64; 2]> =
-        mesh.faces().corners().iter().map(place).map(|p| [p.x / 40.0, p.y / 40.0]).collect();
+    let uv: Vec<[f64; 2]> = mesh
+        .faces()
+        .corners()
+        .iter()
+        .map(|vertex| mesh.positions()[*vertex as usize])
+        .map(|p| [p.x / 40.0, p.y / 40.0])
+        .collect();
     mesh.with_corner("uv", Attribute::Pair(uv.into())).unwrap().with_texture(Some(picture))
 }
 
@@ -105,27 +111,29 @@ fn with_color(color: f64) -> FillMethod {
 #[test]
 fn what_is_copied_has_the_colors_of_a_picture_around_the_hole() {
     let mesh = two_colored_picture();
-    let blue_corners = |color: f64| {
-        let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
+    fn blue_corners(color: f64, mesh: &Mesh) -> usize {
+        let filled = fill(mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
         let uv = filled.corner().pairs("uv").unwrap();
         let shown = &uv[mesh.faces().corners().len()..];
         shown.iter().filter(|&&uv| mesh.texture().unwrap().sample(uv)[2] > 100.0).count()
-    };
-    assert_eq!(blue_corners(3.0), 0);
+    }
+    assert_eq!(blue_corners(3.0, &mesh), 0);
     // Without colors, nothing says that it is to be red.
-    assert!(blue_corners(0.0) > 0);
+    assert!(blue_corners(0.0, &mesh) > 0);
 }
 
 #[test]
 fn what_is_copied_has_the_colors_of_the_vertices_around_the_hole() {
     let mesh = two_colors();
     // The mean of how blue the filled vertices are, from 0 for red to 1.
-    let blue = |color: f64| {
+    let [with, without] = [3.0, 0.0].map(|color: f64| {
         let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
         let colors = &filled.vertex().colors("color").unwrap()[mesh.positions().len()..];
-        let share = |color: &[u8; 3]| f64::from(color[2] - RED[2]) / f64::from(BLUE[2] - RED[2]);
-        colors.iter().map(share).sum::<f64>() / colors.len() as f64
-    };
-    let [with, without] = [3.0, 0.0].map(blue);
+        colors
+            .iter()
+            .map(|color| f64::from(color[2] - RED[2]) / f64::from(BLUE[2] - RED[2]))
+            .sum::<f64>()
+            / colors.len() as f64
+    });
     assert!(with < 0.15 && 0.3 < without, "{with} {without}");
 }

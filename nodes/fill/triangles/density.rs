@@ -88,17 +88,27 @@ pub(crate) fn estimate(
     divisions: usize,
 ) -> f64 {
     let faces = triangulation.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE);
-    let place = |vertex: u32| {
-        (triangulation.points[vertex as usize], target(triangulation.points[vertex as usize]))
-    };
-    let mut open: VecDeque<[(Point3<f64>, f64); 3]> = faces.map(|face| face.map(place)).collect();
+    let mut open: VecDeque<[(Point3<f64>, f64); 3]> = faces
+        .map(|face| {
+            face.map(|vertex: u32| {
+                (
+                    triangulation.points[vertex as usize],
+                    target(triangulation.points[vertex as usize]),
+                )
+            })
+        })
+        .collect();
     let (mut need, mut left) = (0.0, divisions);
     while let Some(corners) = open.pop_front() {
-        let length = |k: usize| (corners[(k + 1) % 3].0 - corners[k].0).norm();
-        let first = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+        fn length(k: usize, corners: &[(Point3<f64>, f64); 3]) -> f64 {
+            (corners[(k + 1) % 3].0 - corners[k].0).norm()
+        }
+        let first = (0..3)
+            .max_by(|&a, &b| length(a, &corners).total_cmp(&length(b, &corners)))
+            .unwrap_or(0);
         let [a, b, c] = [0, 1, 2].map(|k| corners[(first + k) % 3]);
         let size = ((a.1 + b.1 + c.1) / 3.0).max(f64::MIN_POSITIVE);
-        let longest = length(first);
+        let longest = length(first, &corners);
         if LONG * size < longest && left > 0 {
             left -= 1;
             let middle = nalgebra::center(&a.0, &b.0);
@@ -126,10 +136,12 @@ fn split_long(
     target: &impl Fn(Point3<f64>) -> f64,
     progress: &Progress<'_>,
 ) -> Result<usize, Stop> {
-    let excess = |half: u32| triangulation.length(half) / wanted(triangulation, sizes, half);
+    fn excess(half: u32, triangulation: &Triangulation, sizes: &[f64]) -> f64 {
+        triangulation.length(half) / wanted(triangulation, sizes, half)
+    }
     let mut long: Vec<(f64, u32)> = triangulation
         .inner_edges()
-        .map(|half| (excess(half), half))
+        .map(|half| (excess(half, triangulation, sizes), half))
         .filter(|(excess, _)| *excess > LONG)
         .collect();
     long.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -240,12 +252,12 @@ fn collapse_short(
     sizes: &[f64],
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, Cancelled> {
-    let share = |triangulation: &Triangulation, half: u32| {
+    fn share(triangulation: &Triangulation, half: u32, sizes: &[f64]) -> f64 {
         triangulation.length(half) / wanted(triangulation, sizes, half)
-    };
+    }
     let mut short: Vec<(f64, u32)> = triangulation
         .inner_edges()
-        .map(|half| (share(triangulation, half), half))
+        .map(|half| (share(triangulation, half, sizes), half))
         .filter(|(share, _)| *share < SHORT)
         .collect();
     short.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -254,7 +266,7 @@ fn collapse_short(
         progress.check()?;
         if !triangulation.is_alive(half)
             || triangulation.twins[half as usize] == NONE
-            || share(triangulation, half) >= SHORT
+            || share(triangulation, half, sizes) >= SHORT
         {
             continue;
         }

@@ -42,10 +42,11 @@ impl Filling {
         let first = self.points.len();
         self.points
             .extend(kept[rim.len()..].iter().map(|&vertex| triangulation.points[vertex as usize]));
-        let number = |vertex: u32| match rim.get(vertex as usize) {
-            Some(&data) => data,
-            None => (first - rim.len()) as u32 + vertex,
-        };
-        self.faces.extend(faces.iter().map(|face| face.map(number)));
+        self.faces.extend(faces.iter().map(|face| {
+            face.map(|vertex: u32| match rim.get(vertex as usize) {
+                Some(&data) => data,
+                None => (first - rim.len()) as u32 + vertex,
+            })
+        }));
     }
 }

@@ -63,14 +63,14 @@ fn gap(points: &[Point3<f64>], from: usize, to: usize) -> Option<Gap> {
         (to_point - along * share).norm_squared()
     };
     // Of vertices on the line the middle one is taken.
-    let better = |best: &(f64, usize), k: usize, off: f64| {
+    fn better(best: &(f64, usize), k: usize, off: f64, middle: f64) -> bool {
         off > best.0
             || (off == best.0 && (k as f64 - middle).abs() < (best.1 as f64 - middle).abs())
-    };
+    }
     let mut best = (distance(from + 1), from + 1);
     for k in from + 2..to {
         let off = distance(k);
-        if better(&best, k, off) {
+        if better(&best, k, off, middle) {
             best = (off, k);
         }
     }
@@ -86,11 +86,14 @@ pub(crate) fn triangulate_large(
     let count = points.len();
     let mut heap = BinaryHeap::new();
     // From three corners that are far from each other.
-    let far = |from: Point3<f64>| {
-        let off = |k: &usize| (points[*k] - from).norm_squared();
-        (0..count).max_by(|a, b| off(a).total_cmp(&off(b)).then(b.cmp(a)))
-    };
-    let mut chosen = vec![0, far(points[0])?];
+    fn far(from: Point3<f64>, count: usize, points: &[Point3<f64>]) -> Option<usize> {
+        fn off(k: &usize, from: Point3<f64>, points: &[Point3<f64>]) -> f64 {
+            (points[*k] - from).norm_squared()
+        }
+        (0..count)
+            .max_by(|a, b| off(a, from, points).total_cmp(&off(b, from, points)).then(b.cmp(a)))
+    }
+    let mut chosen = vec![0, far(points[0], count, points)?];
     heap.extend(gap(points, 0, chosen[1]));
     heap.extend(gap(points, chosen[1], count));
     while chosen.len() < FEW {
@@ -175,15 +178,17 @@ impl Growing<'_> {
         let c = triangulation.corners[previous(half) as usize];
         let d = triangulation.corners[previous(twin) as usize];
         let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
-        let area = |corners| -> f64 { Vector3::norm(&area_vector(corners)) };
+        fn area(corners: [Point3<f64>; 3]) -> f64 {
+            Vector3::norm(&area_vector(corners))
+        }
         let old = area([pa, pb, pc]) + area([pb, pa, pd]);
         let new = area([pa, pd, pc]) + area([pd, pb, pc]);
         let is_smaller = new < old * (1.0 - SAME_AREA);
         let is_same = new <= old * (1.0 + SAME_AREA);
-        let cotangent = |at: Point3<f64>, u: Point3<f64>, v: Point3<f64>| {
+        fn cotangent(at: Point3<f64>, u: Point3<f64>, v: Point3<f64>) -> f64 {
             let [u, v] = [u - at, v - at];
             u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
-        };
+        }
         let is_better = || {
             let [old, new] = [
                 cotangent(pc, pa, pb) + cotangent(pd, pa, pb),

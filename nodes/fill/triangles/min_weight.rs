@@ -97,9 +97,11 @@ fn best_apex(
             (Vector3::zeros(), FOLDED)
         } else {
             let normal = normal / size;
-            let turn = |other: Vector3<f64>| 1.0 - normal.dot(&other);
-            let bend = bend.max(turn(left.normal)).max(turn(right.normal));
-            (normal, beyond.map_or(bend, |other| bend.max(turn(other))))
+            fn turn(other: Vector3<f64>, normal: Vector3<f64>) -> f64 {
+                1.0 - normal.dot(&other)
+            }
+            let bend = bend.max(turn(left.normal, normal)).max(turn(right.normal, normal));
+            (normal, beyond.map_or(bend, |other| bend.max(turn(other, normal))))
         };
         let area = size + left.area + right.area;
         if bend < best.bend || (bend == best.bend && area < best.area) {

@@ -33,21 +33,23 @@ fn weights(sigma: f64, size: usize) -> Vec<f32> {
     // The square of less than that is zero.
     let sigma = sigma.max(1e-100);
     let count = (REACH * sigma).ceil() as usize;
-    let weight = |k: usize| libm::exp(-0.5 * (k * k) as f64 / (sigma * sigma)) as f32;
-    (0..=count.min(size)).map(weight).collect()
+    (0..=count.min(size))
+        .map(|k: usize| libm::exp(-0.5 * (k * k) as f64 / (sigma * sigma)) as f32)
+        .collect()
 }
 
 /// The sums of the weights that lie inside, for each of `count` places along a row.
 fn sums(weights: &[f32], count: usize) -> Vec<f32> {
-    let sum = |place: usize| {
-        (1..).zip(&weights[1..]).fold(weights[0], |mut sum, (k, weight)| {
-            for _ in 0..usize::from(k <= place) + usize::from(place + k < count) {
-                sum += weight;
-            }
-            sum
+    (0..count)
+        .map(|place: usize| {
+            (1..).zip(&weights[1..]).fold(weights[0], |mut sum, (k, weight)| {
+                for _ in 0..usize::from(k <= place) + usize::from(place + k < count) {
+                    sum += weight;
+                }
+                sum
+            })
         })
-    };
-    (0..count).map(sum).collect()
+        .collect()
 }
 
 /// A row to be blurred along itself, and what the weights sum to; to be compiled for wide instructions.
@@ -127,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_deviation_whose_square_is_nothing_changes_nothing() {
-        let levels = Vec::from_iter((0..12).map(|k| (k * k) as f32));
+        let levels: Vec<_> = (0..12).map(|k| (k * k) as f32).collect();
         for sigma in [1e-155, 1e-200, f64::from_bits(1)] {
             assert_eq!(blur(Levels::Plane(&levels, 4), sigma), levels);
         }

@@ -110,10 +110,13 @@ impl pulp::NullaryFnOnce for Strip<'_> {
 #[inline(always)]
 fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengths: &mut [f32]) {
     let [width, height] = levels.size();
-    let buffer = || vec![0.0; width];
+    #[inline(always)]
+    fn buffer(width: usize) -> Vec<f32> {
+        vec![0.0; width]
+    }
     // The levels of the rows around the current one: row k is in window[k % 3].
-    let mut window = [buffer(), buffer(), buffer()];
-    let (mut around, mut down) = (buffer(), buffer());
+    let mut window = [buffer(width), buffer(width), buffer(width)];
+    let (mut around, mut down) = (buffer(width), buffer(width));
     let mut read = first.saturating_sub(1);
     for (row, lengths) in (first..).zip(lengths.chunks_exact_mut(width)) {
         let needed = (row + 2).min(height);

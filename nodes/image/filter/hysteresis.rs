@@ -69,8 +69,9 @@ pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
         let all = vec![true; kept.len() / words];
         grow_rows(words, weak, kept, all);
     });
-    let at_border = |row: usize| [0, STRIP_ROWS - 1].contains(&(row % STRIP_ROWS));
-    let borders = (0..kept.rows.len() / words).map(at_border).collect();
+    let borders = (0..kept.rows.len() / words)
+        .map(|row: usize| [0, STRIP_ROWS - 1].contains(&(row % STRIP_ROWS)))
+        .collect();
     grow_rows(words, &weak.rows, &mut kept.rows, borders);
     kept
 }
@@ -168,14 +169,15 @@ mod tests {
     #[test]
     fn what_is_kept_are_the_components_with_a_strong_pixel() {
         let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 33) % 100
-        };
+        fn random(state: &mut u64) -> u64 {
+            *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (*state >> 33) % 100
+        }
         for width in [1, 3, 63, 64, 65, 127, 130, 200] {
             for density in [20, 35, 41, 60, 95] {
-                let weak = Vec::from_iter((0..width * 90).map(|_| u8::from(random() < density)));
-                let strong = weak.iter().map(|weak| weak * u8::from(random() < 1));
+                let weak: Vec<_> =
+                    (0..width * 90).map(|_| u8::from(random(&mut state) < density)).collect();
+                let strong = weak.iter().map(|weak| weak * u8::from(random(&mut state) < 1));
                 check(width, &weak, &strong.collect::<Vec<_>>());
             }
         }
@@ -184,12 +186,13 @@ mod tests {
     #[test]
     fn a_path_that_winds_through_all_rows_is_kept_to_its_end() {
         let (width, height) = (131, 66);
-        let is_path = |index: usize| {
+        fn is_path(index: usize, width: usize, height: usize) -> bool {
             let (column, row) = (index % width, index / width);
             let turn = if column % 4 == 1 { 0 } else { height - 1 };
             column % 2 == 0 || row == turn
-        };
-        let weak = Vec::from_iter((0..width * height).map(|index| u8::from(is_path(index))));
+        }
+        let weak: Vec<_> =
+            (0..width * height).map(|index| u8::from(is_path(index, width, height))).collect();
         for start in [0, width * height - 1] {
             let mut strong = vec![0; weak.len()];
             strong[start] = 1;

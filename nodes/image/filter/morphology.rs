@@ -37,9 +37,14 @@ fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
         pixels[inner..inner + width].copy_from_slice(&mask.pixels()[row * width..][..width]);
     }
     kinds.into_iter().for_each(|kind| spread_square(&mut pixels, wide, high, radius, kind));
-    let inner = |row| pixels[(row + radius) * wide + radius..][..width].iter().copied();
-    Mask::new(width, height, (0..height).flat_map(inner).collect())
-        .expect("as many pixels as before")
+    Mask::new(
+        width,
+        height,
+        (0..height)
+            .flat_map(|row| pixels[(row + radius) * wide + radius..][..width].iter().copied())
+            .collect(),
+    )
+    .expect("as many pixels as before")
 }
 
 /// Gives the value `kind` to all pixels that a square around a pixel of that kind covers.

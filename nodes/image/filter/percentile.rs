@@ -37,8 +37,9 @@ pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -
 }
 
 fn sample(numbers: &[f32], within: Option<&[u8]>) -> Vec<f32> {
-    let is_inside = |k: &usize| within.is_none_or(|within| within[*k] == 1);
-    let places = (0..numbers.len() / SAMPLED).map(sampled).filter(is_inside);
+    let places = (0..numbers.len() / SAMPLED)
+        .map(sampled)
+        .filter(|k| within.is_none_or(|within| within[*k] == 1));
     places.map(|k| numbers[k]).collect()
 }
 

@@ -105,9 +105,9 @@ pub(crate) fn measure(
     within: Option<&Mask>,
     select: &Select,
 ) -> Result<(Measure, f32), PictureError> {
-    let near = |color: Color, distance: f64, lightness: f64| {
+    fn near(color: Color, distance: f64, lightness: f64) -> (Measure, f32) {
         (Measure::Color { color: color.lab(), lightness: lightness as f32 }, distance as f32)
-    };
+    }
     Ok(match *select {
         Select::Near { color, distance, lightness } => near(color, distance, lightness),
         Select::Sample { at: (column, row), distance, lightness } => {

@@ -34,17 +34,23 @@ pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, Merge
             true => vec![Material::default()],
             false => part.materials().to_vec(),
         };
-        let place = |material: Material| {
-            let known = materials.iter().position(|it| *it == material);
-            known.unwrap_or_else(|| {
-                materials.push(material);
-                materials.len() - 1
-            }) as u32
-        };
-        let places = Vec::from_iter(own.into_iter().map(place));
-        let number = |face: usize| part.face_materials().map_or(0, |all| all[face]);
-        let place = |face| *places.get(number(face) as usize).unwrap_or(&places[0]);
-        numbers.extend((0..part.faces().len()).map(place));
+        let places: Vec<_> = own
+            .into_iter()
+            .map(|material: Material| {
+                let known = materials.iter().position(|it| *it == material);
+                known.unwrap_or_else(|| {
+                    materials.push(material);
+                    materials.len() - 1
+                }) as u32
+            })
+            .collect();
+        fn number(face: usize, part: &Mesh) -> u32 {
+            part.face_materials().map_or(0, |all| all[face])
+        }
+        numbers.extend(
+            (0..part.faces().len())
+                .map(|face| *places.get(number(face, part) as usize).unwrap_or(&places[0])),
+        );
     }
     let merged = match materials.len() {
         0 | 1 => merged,
@@ -74,7 +80,9 @@ mod tests {
 
     #[test]
     fn each_mesh_keeps_its_materials() {
-        let uv = || Attribute::Pair(vec![[0.5, 0.25]; 3].into());
+        fn uv() -> Attribute {
+            Attribute::Pair(vec![[0.5, 0.25]; 3].into())
+        }
         let picture = Image::new(1, 1, vec![[9, 8, 7]]).unwrap();
         let skin = Material { name: "skin".to_owned(), ..Material::of_picture(picture) };
         let red = named("red", [1.0, 0.0, 0.0, 1.0]);

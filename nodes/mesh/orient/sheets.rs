@@ -99,7 +99,7 @@ impl Sheets {
                 flooded.iter().for_each(|&face| is_turned[face] ^= true);
             }
         }
-        let many = Vec::from_iter((0..edges.faces.len()).filter(|&edge| 2 < edges.faces[edge]));
+        let many: Vec<_> = (0..edges.faces.len()).filter(|&edge| 2 < edges.faces[edge]).collect();
         let crowded = many.first().map(|&edge| (many.len(), edges.vertices[edge]));
         Ok(Self { of_face, is_turned, is_closed, crowded })
     }

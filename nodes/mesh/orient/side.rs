@@ -21,9 +21,9 @@ const LEAST: f64 = 1e-3;
 /// Of each part a number: positive if its faces look outward, negative if they look inward, 0 if it has no outside.
 pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     let count = sheets.is_closed.len();
-    let faces = || (0..).zip(&sheets.of_face).map(|(face, &part)| (part, face));
-    let faces = Lists::<u32>::group(count, faces);
-    let boxes = Vec::from_iter((0..count).map(|part| bounds(mesh, faces.of(part))));
+    let faces =
+        Lists::<u32>::group(count, || (0..).zip(&sheets.of_face).map(|(face, &part)| (part, face)));
+    let boxes: Vec<_> = (0..count).map(|part| bounds(mesh, faces.of(part))).collect();
     let own = (0..count).into_par_iter().map(|part| {
         let faces = faces.of(part);
         match sheets.is_closed[part] {
@@ -32,7 +32,13 @@ pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
         }
     });
     let own: Vec<f64> = own.collect();
-    let is_within = |inner: usize, outer: usize| {
+    fn is_within(
+        inner: usize,
+        outer: usize,
+        boxes: &[(Point3<f64>, Point3<f64>)],
+        faces: &Lists,
+        mesh: &Mesh,
+    ) -> bool {
         let ((low, high), (outer_low, outer_high)) = (boxes[inner], boxes[outer]);
         let is_boxed = (0..3).all(|k| outer_low[k] < low[k] && high[k] < outer_high[k]);
         is_boxed && {
@@ -44,14 +50,14 @@ pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
                 winding(mesh, faces.of(outer), at, None).abs() > 0.5
             })
         }
-    };
+    }
     let is_shell = |part: &usize| sheets.is_closed[*part] && own[*part] != 0.0;
     let sides = (0..count).into_par_iter().map(|part| {
         if !is_shell(&part) {
             return own[part];
         }
         let around = (0..count).filter(|&outer| outer != part).filter(is_shell);
-        let depth = around.filter(|&outer| is_within(part, outer)).count();
+        let depth = around.filter(|&outer| is_within(part, outer, &boxes, &faces, mesh)).count();
         if depth % 2 == 1 { -own[part] } else { own[part] }
     });
     sides.collect()
@@ -105,6 +111,7 @@ fn bulge(mesh: &Mesh, faces: &[u32]) -> f64 {
 
 /// A polygon as a fan of triangles.
 fn fan<'a>(mesh: &'a Mesh, face: &'a [u32]) -> impl Iterator<Item = [Point3<f64>; 3]> + 'a {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    face[1..].windows(2).map(move |pair| [face[0], pair[0], pair[1]].map(place))
+    face[1..].windows(2).map(move |pair| {
+        [face[0], pair[0], pair[1]].map(|vertex: u32| mesh.positions()[vertex as usize])
+    })
 }

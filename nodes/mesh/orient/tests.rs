@@ -25,15 +25,17 @@ fn together(parts: &[Mesh]) -> Mesh {
 }
 
 fn flipped(mesh: &Mesh, faces: &[usize]) -> Mesh {
-    let flags = Vec::from_iter((0..mesh.faces().len()).map(|face| faces.contains(&face)));
+    let flags: Vec<_> = (0..mesh.faces().len()).map(|face| faces.contains(&face)).collect();
     turned(mesh, &flags).unwrap()
 }
 
 /// A net of triangles over a square of 2 x 2 whose height is given, looking along z.
 fn net(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 9;
-    let at = |k: u32| f64::from(k) / f64::from(side - 1) * 2.0 - 1.0;
-    let places = (0..side * side).map(|k| [at(k % side), at(k / side)]);
+    fn at(k: u32, side: u32) -> f64 {
+        f64::from(k) / f64::from(side - 1) * 2.0 - 1.0
+    }
+    let places = (0..side * side).map(|k| [at(k % side, side), at(k / side, side)]);
     let positions = places.map(|[x, y]| [x, y, height(x, y)]).collect();
     let cells = (0..side * (side - 1)).filter(|k| k % side < side - 1);
     let faces = cells.flat_map(|k| [[k, k + 1, k + side + 1], [k, k + side + 1, k + side]]);
@@ -56,10 +58,10 @@ fn check(start: &Mesh, outside: Outside, expected: &Mesh) {
 fn whatever_faces_of_a_closed_part_look_inward_all_look_outward() {
     let right = tetrahedron(5.0, 1.0);
     for wrong in 0..16 {
-        let wrong = Vec::from_iter((0..4).filter(|face| wrong >> face & 1 == 1));
+        let wrong: Vec<_> = (0..4).filter(|face| wrong >> face & 1 == 1).collect();
         let found = orient(&flipped(&right, &wrong), Outside::Outward).unwrap();
         let seen = found.mesh.faces().iter().map(|face| found.mesh.area_vector(face));
-        let wanted = Vec::from_iter(right.faces().iter().map(|face| right.area_vector(face)));
+        let wanted: Vec<_> = right.faces().iter().map(|face| right.area_vector(face)).collect();
         seen.zip(&wanted).for_each(|(seen, wanted)| assert!((seen - wanted).norm() < 1e-12));
         assert_eq!((found.undecided, found.crowded), (0, None));
     }
@@ -123,9 +125,15 @@ fn others_look_as_the_largest_part_does() {
     );
     let outward = together(&[small.clone(), large.clone()]);
     check(&together(&[flipped(&small, &all), large]), Outside::LargestPart, &outward);
-    let (flat, all) = (net(|_, _| 0.0), Vec::from_iter(0..128));
-    let two = |second: Mesh| together(&[flat.clone(), second]);
-    check(&two(flipped(&net(|_, _| 1.0), &all)), Outside::LargestPart, &two(net(|_, _| 1.0)));
+    let (flat, all) = (net(|_, _| 0.0), (0..128).collect::<Vec<_>>());
+    fn two(second: Mesh, flat: &Mesh) -> Mesh {
+        together(&[flat.clone(), second])
+    }
+    check(
+        &two(flipped(&net(|_, _| 1.0), &all), &flat),
+        Outside::LargestPart,
+        &two(net(|_, _| 1.0), &flat),
+    );
 }
 
 #[test]
@@ -139,20 +147,20 @@ fn flipping_twice_changes_nothing() {
 #[test]
 fn normals_turn_with_their_faces() {
     let right = tetrahedron(0.0, 1.0);
-    let with_normals = |mesh: &Mesh| {
+    fn with_normals(mesh: &Mesh) -> Mesh {
         let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
         let corners = mesh.faces().iter().flat_map(|face| vec![mesh.area_vector(face).into(); 3]);
         let corners = corners.collect();
         let mesh = mesh.clone().with_vertex("normal", Attribute::Vector(normals)).unwrap();
         mesh.with_corner("normal", Attribute::Vector(corners)).unwrap()
-    };
+    }
     let wanted = with_normals(&right);
     for wrong in [&[0][..], &[0, 1, 2, 3]] {
         let found = orient(&with_normals(&flipped(&right, wrong)), Outside::Outward).unwrap().mesh;
-        let near = |a: &[[f64; 3]], b: &[[f64; 3]]| {
+        fn near(a: &[[f64; 3]], b: &[[f64; 3]]) -> bool {
             let mut pairs = a.iter().zip(b);
             pairs.all(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm() < 1e-12)
-        };
+        }
         let vectors = [&wanted, &found].map(|mesh| mesh.vertex().vectors("normal").unwrap());
         assert!(near(vectors[0], vectors[1]), "{wrong:?}");
         let vectors = [&wanted, &found].map(|mesh| mesh.corner().vectors("normal").unwrap());

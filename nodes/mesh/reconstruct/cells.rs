@@ -162,8 +162,12 @@ impl Places {
     /// All places of a cube.
     pub(super) fn all(side: i32) -> Self {
         let count = side * side * side;
-        let place = |k: i32| [k % side, k / side % side, k / side / side].map(|x| x as u16);
-        Self::new(side, (0..count).map(place).collect())
+        Self::new(
+            side,
+            (0..count)
+                .map(|k: i32| [k % side, k / side % side, k / side / side].map(|x| x as u16))
+                .collect(),
+        )
     }
 }
 
@@ -182,7 +186,9 @@ pub(super) fn bell(x: f64) -> f64 {
 /// The weights of a cell's corners at a place within it, from 0 to 1 along each axis.
 pub(super) fn corner_weights([x, y, z]: [f64; 3]) -> [f64; 8] {
     std::array::from_fn(|k| {
-        let along = |x: f64, bit: usize| if k & bit == 0 { 1.0 - x } else { x };
-        along(x, 1) * along(y, 2) * along(z, 4)
+        fn along(x: f64, bit: usize, k: usize) -> f64 {
+            if k & bit == 0 { 1.0 - x } else { x }
+        }
+        along(x, 1, k) * along(y, 2, k) * along(z, 4, k)
     })
 }

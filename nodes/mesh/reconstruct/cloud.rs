@@ -55,12 +55,11 @@ impl Cloud {
 
     /// Takes the weights of points from sources that have some. Points of the others count 1.
     fn weigh(&mut self, sources: &[Scattered]) {
-        let is_weighed = |source: &Scattered| match source {
+        if !sources.iter().any(|source| match source {
             Scattered::RangeImage(_) => false,
             Scattered::Points(points) => confidence(points.attributes()).is_some(),
             Scattered::Mesh(mesh) => confidence(mesh.vertex()).is_some(),
-        };
-        if !sources.iter().any(is_weighed) {
+        }) {
             return;
         }
         for source in sources {
@@ -137,8 +136,10 @@ fn confidence(attributes: &Attributes) -> Option<&Column<f64>> {
 }
 
 fn weights(attributes: &Attributes, count: usize) -> Vec<f64> {
-    let weight = |it: &f64| if it.is_finite() { it.max(LEAST) } else { LEAST };
-    confidence(attributes).map_or_else(|| vec![1.0; count], |own| own.iter().map(weight).collect())
+    confidence(attributes).map_or_else(
+        || vec![1.0; count],
+        |own| own.iter().map(|it| if it.is_finite() { it.max(LEAST) } else { LEAST }).collect(),
+    )
 }
 
 fn colors(attributes: &Attributes) -> Option<Vec<Rgb>> {

@@ -31,8 +31,10 @@ pub(super) struct Skin {
 pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, SolveError> {
     let (cells, nodes) = crossed(field, progress)?;
     let depth = field.cube.depth;
-    let value = |node: usize| field.at_node(nodes.place(node), depth, depth + 1) - SURFACE;
-    let mut values: Vec<f64> = (0..nodes.len()).into_par_iter().map(value).collect();
+    let mut values: Vec<f64> = (0..nodes.len())
+        .into_par_iter()
+        .map(|node: usize| field.at_node(nodes.place(node), depth, depth + 1) - SURFACE)
+        .collect();
     // A node on the surface is outside, so that each edge that is cut has two different ends.
     values.par_iter_mut().for_each(|x| *x = if *x == 0.0 { -f64::MIN_POSITIVE } else { *x });
     progress.tick(0.5)?;
@@ -81,9 +83,11 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
         cells.extend(own);
         FACES.check("the skin", cells.len() as f64)?;
         progress.check().map_err(SolveError::Cancelled)?;
-        let halves = |cell: &CellIndex| around(cell.map(|x| 2 * x));
-        coarse =
-            if from < depth { cells.par_iter().flat_map_iter(halves).collect() } else { cells };
+        coarse = if from < depth {
+            cells.par_iter().flat_map_iter(|cell| around(cell.map(|x| 2 * x))).collect()
+        } else {
+            cells
+        };
     }
     coarse.par_sort_unstable_by_key(|&[x, y, z]| [z, y, x]);
     coarse.dedup();
@@ -97,8 +101,10 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
 /// The corners of a cell; corner `k` has the bits of `k` added, x first.
 fn around([x, y, z]: CellIndex) -> [CellIndex; 8] {
     std::array::from_fn(|k| {
-        let bit = |axis: usize| (k >> axis & 1) as i32;
-        [x + bit(0), y + bit(1), z + bit(2)]
+        fn bit(axis: usize, k: usize) -> i32 {
+            (k >> axis & 1) as i32
+        }
+        [x + bit(0, k), y + bit(1, k), z + bit(2, k)]
     })
 }
 
@@ -157,8 +163,10 @@ fn compose(
     let composed: Vec<bool> = (0..=255).map(is_composed).collect();
     let none = BTreeSet::new();
     let signs = Signs { field, nodes, values, taken_in: &none };
-    let bad = |&cell: &usize| !composed[mask(&signs.of_cell(cells.place(cell)))];
-    let bad: Vec<usize> = (0..cells.len()).into_par_iter().filter(bad).collect();
+    let bad: Vec<usize> = (0..cells.len())
+        .into_par_iter()
+        .filter(|&cell| !composed[mask(&signs.of_cell(cells.place(cell)))])
+        .collect();
     let mut cells: Vec<CellIndex> = bad.into_iter().rev().map(|cell| cells.place(cell)).collect();
     // Each step takes in one more node, so that there is an end.
     while let Some(cell) = cells.pop() {
@@ -170,8 +178,9 @@ fn compose(
         }
         // The border of the cube stays outside, so that the skin is closed.
         let last = 1 << field.cube.depth;
-        let is_within = |k: &usize| around(cell)[*k].iter().all(|&x| 0 < x && x < last);
-        let outside = (0..8).filter(|&k| corners[k] <= 0.0).filter(is_within);
+        let outside = (0..8)
+            .filter(|&k| corners[k] <= 0.0)
+            .filter(|k| around(cell)[*k].iter().all(|&x| 0 < x && x < last));
         let Some(nearest) = outside.max_by(|&a, &b| corners[a].total_cmp(&corners[b])) else {
             continue;
         };
@@ -188,7 +197,7 @@ fn mask(values: &[f64; 8]) -> usize {
 
 /// Whether the inner corners of a cell are connected along its edges, and the outer ones, too.
 fn is_composed(mask: u32) -> bool {
-    let is_one = |mask: u32| {
+    fn is_one(mask: u32) -> bool {
         let mut reached = mask & mask.wrapping_neg();
         for _ in 0..8 {
             let near = [1, 2, 4].map(|bit| {
@@ -197,7 +206,7 @@ fn is_composed(mask: u32) -> bool {
             reached |= (near[0] | near[1] | near[2]) & mask;
         }
         reached == mask
-    };
+    }
     is_one(mask) && is_one(!mask & 255)
 }
 
@@ -230,14 +239,19 @@ fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
         if is_inside == (values[1 << axis] > 0.0) {
             continue;
         }
-        let step = |moved: &[usize]| {
-            let mut place = place;
+        fn step(moved: &[usize], place: &[i32; 3], cells: &Places) -> Option<u32> {
+            let mut place = *place;
             moved.iter().for_each(|&axis| place[axis] -= 1);
             cells.find(place).map(|cell| cell as u32)
-        };
+        }
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
         // Counter-clockwise seen from the end of the edge.
-        let around = [step(&[]), step(&[u]), step(&[u, v]), step(&[v])];
+        let around = [
+            step(&[], &place, cells),
+            step(&[u], &place, cells),
+            step(&[u, v], &place, cells),
+            step(&[v], &place, cells),
+        ];
         if let [Some(a), Some(b), Some(c), Some(d)] = around {
             quads.push(if is_inside { [a, b, c, d] } else { [d, c, b, a] });
         }

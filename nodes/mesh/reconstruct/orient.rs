@@ -105,17 +105,20 @@ const BLUR: f64 = 0.1;
 /// Both ways, without doubles.
 fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     let cube = &pyramid.cube;
-    let near = |(from, surfel): (usize, &Surfel)| -> Vec<u32> {
-        if surfel.normal == Vector3::zeros() {
-            return Vec::new();
-        }
-        let layer = &pyramid.layers[surfel.depth as usize];
-        let cells = layer.cells.near(place(cube, &surfel.at, surfel.depth));
-        let all = cells.map(|cell| layer.finest[cell]);
-        all.filter(|&to| to as usize != from && surfels[to as usize].normal != Vector3::zeros())
-            .collect()
-    };
-    let mut neighbors: Vec<Vec<u32>> = surfels.par_iter().enumerate().map(near).collect();
+    let mut neighbors: Vec<Vec<u32>> = surfels
+        .par_iter()
+        .enumerate()
+        .map(|(from, surfel)| -> Vec<u32> {
+            if surfel.normal == Vector3::zeros() {
+                return Vec::new();
+            }
+            let layer = &pyramid.layers[surfel.depth as usize];
+            let cells = layer.cells.near(place(cube, &surfel.at, surfel.depth));
+            let all = cells.map(|cell| layer.finest[cell]);
+            all.filter(|&to| to as usize != from && surfels[to as usize].normal != Vector3::zeros())
+                .collect()
+        })
+        .collect();
     let back: Vec<(u32, u32)> = (0..neighbors.len() as u32)
         .flat_map(|from| neighbors[from as usize].iter().map(move |&to| (to, from)))
         .collect();
@@ -134,8 +137,12 @@ fn face_out(surfels: &mut [Surfel], part: &[u32]) {
     let mut vote = 0.0;
     for k in (0..27).filter(|&k| k != 13) {
         let way = Vector3::from([k % 3, k / 3 % 3, k / 9].map(|x| f64::from(x) - 1.0)).normalize();
-        let reach = |&surfel: &u32| surfels[surfel as usize].on_plane.coords.dot(&way);
-        let farthest = part.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)).then(b.cmp(a)));
+        fn reach(&surfel: &u32, way: Vector3<f64>, surfels: &[Surfel]) -> f64 {
+            surfels[surfel as usize].on_plane.coords.dot(&way)
+        }
+        let farthest = part.iter().max_by(|a, b| {
+            reach(a, way, surfels).total_cmp(&reach(b, way, surfels)).then(b.cmp(a))
+        });
         vote += farthest.map_or(0.0, |&surfel| surfels[surfel as usize].normal.dot(&way));
     }
     if vote < 0.0 {

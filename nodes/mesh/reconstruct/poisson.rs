@@ -111,8 +111,10 @@ impl Field {
 
     /// The function at the nodes of a depth, from the coarser grids.
     fn values_at(&self, nodes: &Places, depth: u32) -> Vec<f64> {
-        let at = |node: usize| self.at_node(nodes.place(node), depth, depth);
-        (0..nodes.len()).into_par_iter().map(at).collect()
+        (0..nodes.len())
+            .into_par_iter()
+            .map(|node: usize| self.at_node(nodes.place(node), depth, depth))
+            .collect()
     }
 
     /// The function at a node of a depth, from the grids below `end`.
@@ -151,12 +153,12 @@ fn trilinear(values: &[f64; 8], within: [f64; 3]) -> f64 {
 
 fn gradient(values: &[f64; 8], within: [f64; 3]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
-        let end = |x: f64| {
+        let [low, high] = [0.0, 1.0].map(|x| {
             let mut at = within;
             at[axis] = x;
             trilinear(values, at)
-        };
-        end(1.0) - end(0.0)
+        });
+        high - low
     })
 }
 
@@ -183,12 +185,13 @@ struct Sum {
 
 fn sums(pyramid: &Pyramid, surfels: &[Surfel], depth: u32) -> Vec<Sum> {
     let cube = &pyramid.cube;
-    let key = |(place, surfel): (usize, &Surfel)| {
-        let [x, y, z] = cube.cell(cube.in_cells(&surfel.at, depth), depth).map(|x| x as u64);
-        (z << 32 | y << 16 | x, place as u32)
-    };
     let of_surface = surfels.par_iter().enumerate().filter(|(_, s)| s.normal != Vector3::zeros());
-    let mut keys: Vec<(u64, u32)> = of_surface.map(key).collect();
+    let mut keys: Vec<(u64, u32)> = of_surface
+        .map(|(place, surfel)| {
+            let [x, y, z] = cube.cell(cube.in_cells(&surfel.at, depth), depth).map(|x| x as u64);
+            (z << 32 | y << 16 | x, place as u32)
+        })
+        .collect();
     keys.par_sort_unstable();
     let mut sums = Vec::new();
     for cell in keys.chunk_by(|a, b| a.0 == b.0) {
@@ -237,24 +240,28 @@ impl PoissonLevel {
         values: Vec<f64>,
     ) -> Self {
         let last = nodes.side() - 1;
-        let is_free = |node: &usize| {
-            let place = nodes.place(*node);
-            place.iter().all(|&x| 0 < x && x < last)
-                && free.is_none_or(|free| free.find(place).is_some())
-        };
-        let free: Vec<u32> =
-            (0..nodes.len()).into_par_iter().filter(is_free).map(|node| node as u32).collect();
-        let around = |&node: &u32| {
-            let [x, y, z] = nodes.place(node as usize);
-            let mut around = [node; 27];
-            for k in 0..9 {
-                let row = nodes.row(y + k % 3 - 1, z + k / 3 - 1);
-                let first = nodes.from(row, x - 1) as u32;
-                around[3 * k as usize..][..3].copy_from_slice(&[first, first + 1, first + 2]);
-            }
-            around
-        };
-        let around = free.par_iter().map(around).collect();
+        let free: Vec<u32> = (0..nodes.len())
+            .into_par_iter()
+            .filter(|node| {
+                let place = nodes.place(*node);
+                place.iter().all(|&x| 0 < x && x < last)
+                    && free.is_none_or(|free| free.find(place).is_some())
+            })
+            .map(|node| node as u32)
+            .collect();
+        let around = free
+            .par_iter()
+            .map(|&node| {
+                let [x, y, z] = nodes.place(node as usize);
+                let mut around = [node; 27];
+                for k in 0..9 {
+                    let row = nodes.row(y + k % 3 - 1, z + k / 3 - 1);
+                    let first = nodes.from(row, x - 1) as u32;
+                    around[3 * k as usize..][..3].copy_from_slice(&[first, first + 1, first + 2]);
+                }
+                around
+            })
+            .collect();
         let right = vec![0.0; free.len()];
         let edge = cube.edge_at(depth);
         let held = Vec::new();
@@ -289,37 +296,44 @@ impl PoissonLevel {
         let slope = [0.5, 0.0, -0.5];
         let value = [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0];
         let square = self.edge * self.edge;
-        let right = |around: &[u32; 27]| {
-            let mut sum = 0.0;
-            for (k, &node) in around.iter().enumerate() {
-                let [x, y, z] = [k % 3, k / 3 % 3, k / 9];
-                let normal = field[node as usize];
-                // The function falls along the normals.
-                sum -= normal.x * slope[x] * value[y] * value[z]
-                    + normal.y * value[x] * slope[y] * value[z]
-                    + normal.z * value[x] * value[y] * slope[z];
-            }
-            sum * square
-        };
-        self.right = self.around.par_iter().with_min_len(BLOCK).map(right).collect();
+        self.right = self
+            .around
+            .par_iter()
+            .with_min_len(BLOCK)
+            .map(|around| {
+                let mut sum = 0.0;
+                for (k, &node) in around.iter().enumerate() {
+                    let [x, y, z] = [k % 3, k / 3 % 3, k / 9];
+                    let normal = field[node as usize];
+                    // The function falls along the normals.
+                    sum -= normal.x * slope[x] * value[y] * value[z]
+                        + normal.y * value[x] * slope[y] * value[z]
+                        + normal.z * value[x] * value[y] * slope[z];
+                }
+                sum * square
+            })
+            .collect();
     }
 
     /// Holds the function to the surface's value at the places of the surfels; the weight grows as cells become smaller, as the
     /// integrals do.
     fn screen(&mut self, sums: &[Sum], screening: f64) {
-        let hold = |sum: &Sum| {
-            let corners = self.nodes.corners(sum.cell.map(i32::from))?;
-            let within = [0, 1, 2].map(|axis| sum.at[axis] - f64::from(sum.cell[axis]));
-            let root = (screening * sum.area / self.edge).sqrt();
-            Some((corners.map(|node| node as u32), corner_weights(within).map(|w| w * root)))
-        };
-        self.held = sums.par_iter().filter_map(hold).collect();
+        self.held = sums
+            .par_iter()
+            .filter_map(|sum| {
+                let corners = self.nodes.corners(sum.cell.map(i32::from))?;
+                let within = [0, 1, 2].map(|axis| sum.at[axis] - f64::from(sum.cell[axis]));
+                let root = (screening * sum.area / self.edge).sqrt();
+                Some((corners.map(|node| node as u32), corner_weights(within).map(|w| w * root)))
+            })
+            .collect();
         let held = &self.held;
-        let nodes_of = |cell: usize| {
-            let numbered = held[cell].0.into_iter().zip(0u8..);
-            numbered.map(move |(node, corner)| (node, (cell as u32, corner)))
-        };
-        self.held_at = Lists::group(self.nodes.len(), || (0..held.len()).flat_map(nodes_of));
+        self.held_at = Lists::group(self.nodes.len(), || {
+            (0..held.len()).flat_map(|cell: usize| {
+                let numbered = held[cell].0.into_iter().zip(0u8..);
+                numbered.map(move |(node, corner)| (node, (cell as u32, corner)))
+            })
+        });
         let root = (screening / self.edge).sqrt();
         let target: Vec<f64> = sums
             .iter()
@@ -345,32 +359,47 @@ impl PoissonLevel {
 
     /// The left sides of all free nodes for these values of all nodes.
     fn left(&self, values: &[f64]) -> Vec<f64> {
-        let in_cell = |(corners, weights): &([u32; 8], [f64; 8])| -> f64 {
-            corners.iter().zip(weights).map(|(&node, weight)| values[node as usize] * weight).sum()
-        };
-        let in_cells: Vec<f64> = self.held.par_iter().with_min_len(BLOCK).map(in_cell).collect();
-        let of_node = |(&node, around): (&u32, &[u32; 27])| {
-            let at = |k: usize| values[around[k] as usize];
-            let edges: f64 = EDGES.iter().map(|&k| at(k)).sum();
-            let corners: f64 = CORNERS.iter().map(|&k| at(k)).sum();
-            let stiff = 8.0 / 3.0 * at(13) - edges / 6.0 - corners / 12.0;
-            stiff * self.edge + self.pull(node, &in_cells)
-        };
+        let in_cells: Vec<f64> = self
+            .held
+            .par_iter()
+            .with_min_len(BLOCK)
+            .map(|(corners, weights)| -> f64 {
+                corners
+                    .iter()
+                    .zip(weights)
+                    .map(|(&node, weight)| values[node as usize] * weight)
+                    .sum()
+            })
+            .collect();
         let nodes = self.free.par_iter().zip(&self.around);
-        nodes.with_min_len(BLOCK).map(of_node).collect()
+        nodes
+            .with_min_len(BLOCK)
+            .map(|(&node, around): (&u32, &[u32; 27])| {
+                fn at(k: usize, values: &[f64], around: &[u32; 27]) -> f64 {
+                    values[around[k] as usize]
+                }
+                let edges: f64 = EDGES.iter().map(|&k| at(k, values, around)).sum();
+                let corners: f64 = CORNERS.iter().map(|&k| at(k, values, around)).sum();
+                let stiff = 8.0 / 3.0 * at(13, values, around) - edges / 6.0 - corners / 12.0;
+                stiff * self.edge + self.pull(node, &in_cells)
+            })
+            .collect()
     }
 
     /// Conjugate gradients, each equation divided by its diagonal: Hestenes and Stiefel (1952).
     fn solve(&mut self, steps: usize, progress: &Progress<'_>) -> Result<(), Cancelled> {
-        let diagonal = |&node: &u32| {
-            let held = self.held_by(node).iter();
-            let weight = held.map(|&(cell, corner)| {
-                let weight = self.held[cell as usize].1[usize::from(corner)];
-                weight * weight
-            });
-            8.0 / 3.0 * self.edge + weight.sum::<f64>()
-        };
-        let diagonal: Vec<f64> = self.free.par_iter().map(diagonal).collect();
+        let diagonal: Vec<f64> = self
+            .free
+            .par_iter()
+            .map(|&node| {
+                let held = self.held_by(node).iter();
+                let weight = held.map(|&(cell, corner)| {
+                    let weight = self.held[cell as usize].1[usize::from(corner)];
+                    weight * weight
+                });
+                8.0 / 3.0 * self.edge + weight.sum::<f64>()
+            })
+            .collect();
         let left = self.left(&self.values);
         let mut residual: Vec<f64> = self.right.iter().zip(&left).map(|(r, l)| r - l).collect();
         let mut way = vec![0.0; self.values.len()];

@@ -23,15 +23,17 @@ pub(super) fn relax(
     let neighbors = Neighbors::new(skin);
     for round in 0..ROUNDS {
         let positions = &skin.positions;
-        let moved = |vertex: usize| {
-            let near = neighbors.of(vertex);
-            if near.is_empty() {
-                return positions[vertex];
-            }
-            let sum: Vector3<f64> = near.iter().map(|&v| positions[v as usize].coords).sum();
-            onto(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
-        };
-        skin.positions = (0..positions.len()).into_par_iter().map(moved).collect();
+        skin.positions = (0..positions.len())
+            .into_par_iter()
+            .map(|vertex: usize| {
+                let near = neighbors.of(vertex);
+                if near.is_empty() {
+                    return positions[vertex];
+                }
+                let sum: Vector3<f64> = near.iter().map(|&v| positions[v as usize].coords).sum();
+                onto(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
+            })
+            .collect();
         progress.tick((round + 1) as f64 / ROUNDS as f64)?;
     }
     Ok(())
@@ -63,14 +65,17 @@ pub(super) struct Neighbors(Lists);
 
 impl Neighbors {
     pub(super) fn new(skin: &Skin) -> Self {
-        let ends = |quad: &[u32; 4]| {
-            let quad = *quad;
-            (0..4).flat_map(move |k| {
-                let (a, b) = (quad[k], quad[(k + 1) % 4]);
-                [(a, b), (b, a)]
+        let mut edges: Vec<(u32, u32)> = skin
+            .quads
+            .par_iter()
+            .flat_map_iter(|quad| {
+                let quad = *quad;
+                (0..4).flat_map(move |k| {
+                    let (a, b) = (quad[k], quad[(k + 1) % 4]);
+                    [(a, b), (b, a)]
+                })
             })
-        };
-        let mut edges: Vec<(u32, u32)> = skin.quads.par_iter().flat_map_iter(ends).collect();
+            .collect();
         edges.par_sort_unstable();
         edges.dedup();
         Self(Lists::group(skin.positions.len(), || edges.iter().copied()))
@@ -132,11 +137,11 @@ pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     for (vertex, &part) in parts.iter().enumerate() {
         counts[part as usize][usize::from(supported[vertex])] += 1;
     }
-    let is_kept = |part: u32| {
+    fn is_kept(part: u32, counts: &[[usize; 2]]) -> bool {
         let [without, with] = counts[part as usize];
         SUPPORTED * (without + with) as f64 <= with as f64
-    };
-    let keep: Vec<bool> = parts.iter().map(|&part| is_kept(part)).collect();
+    }
+    let keep: Vec<bool> = parts.iter().map(|&part| is_kept(part, &counts)).collect();
     skin.quads.retain(|quad| keep[quad[0] as usize]);
     compact(skin, supported);
 }
@@ -177,16 +182,19 @@ pub(super) fn open(skin: &mut Skin, supported: &mut Vec<bool>) {
         let neighbors = Neighbors::new(skin);
         let mut faces = vec![0; skin.positions.len()];
         skin.quads.iter().flatten().for_each(|&vertex| faces[vertex as usize] += 1);
-        let is_pinched = |vertex: u32| {
+        fn is_pinched(vertex: u32, neighbors: &Neighbors, faces: &[usize]) -> bool {
             let near = neighbors.of(vertex as usize).len();
             near > faces[vertex as usize] + 1
-        };
+        }
         // A corner that only one quad has stands out as a tooth.
-        let is_tooth = |quad: &[u32; 4]| {
+        fn is_tooth(quad: &[u32; 4], faces: &[usize]) -> bool {
             quad.iter().filter(|&&vertex| faces[vertex as usize] == 1).count() > 1
-        };
+        }
         let before = skin.quads.len();
-        skin.quads.retain(|quad| !is_tooth(quad) && !quad.iter().any(|&vertex| is_pinched(vertex)));
+        skin.quads.retain(|quad| {
+            !is_tooth(quad, &faces)
+                && !quad.iter().any(|&vertex| is_pinched(vertex, &neighbors, &faces))
+        });
         if skin.quads.len() == before {
             break;
         }
@@ -197,28 +205,33 @@ pub(super) fn open(skin: &mut Skin, supported: &mut Vec<bool>) {
 
 /// Moves vertices on borders to the middle of their neighbors there.
 fn smooth_borders(skin: &mut Skin) {
-    let side = |quad: &[u32; 4]| {
-        let quad = *quad;
-        (0..4).map(move |k| (quad[k], quad[(k + 1) % 4]))
-    };
-    let mut sides: Vec<(u32, u32)> = skin.quads.iter().flat_map(side).collect();
+    let mut sides: Vec<(u32, u32)> = skin
+        .quads
+        .iter()
+        .flat_map(|quad| {
+            let quad = *quad;
+            (0..4).map(move |k| (quad[k], quad[(k + 1) % 4]))
+        })
+        .collect();
     sides.sort_unstable();
-    let is_border = |&(a, b): &(u32, u32)| sides.binary_search(&(b, a)).is_err();
     let mut beside = vec![[u32::MAX; 2]; skin.positions.len()];
-    for (a, b) in sides.iter().copied().filter(is_border) {
+    for (a, b) in sides.iter().copied().filter(|&(a, b)| sides.binary_search(&(b, a)).is_err()) {
         beside[a as usize][1] = b;
         beside[b as usize][0] = a;
     }
     for _ in 0..BORDER_ROUNDS {
         let positions = &skin.positions;
-        let moved = |(vertex, &[a, b]): (usize, &[u32; 2])| {
-            if a == u32::MAX || b == u32::MAX {
-                return positions[vertex];
-            }
-            let middle = nalgebra::center(&positions[a as usize], &positions[b as usize]);
-            nalgebra::center(&positions[vertex], &middle)
-        };
-        skin.positions = beside.iter().enumerate().map(moved).collect();
+        skin.positions = beside
+            .iter()
+            .enumerate()
+            .map(|(vertex, &[a, b])| {
+                if a == u32::MAX || b == u32::MAX {
+                    return positions[vertex];
+                }
+                let middle = nalgebra::center(&positions[a as usize], &positions[b as usize]);
+                nalgebra::center(&positions[vertex], &middle)
+            })
+            .collect();
     }
 }
 

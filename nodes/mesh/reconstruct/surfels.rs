@@ -65,12 +65,16 @@ pub(super) struct Pyramid {
 
 /// The points sorted by their cells, as numbers in rows, and the cell of each.
 pub(super) fn by_cell(positions: &[Point3<f64>], cube: &Cube) -> Vec<(u64, u32)> {
-    let key = |(point, place): (&Point3<f64>, usize)| {
-        let [x, y, z] = cube.cell(cube.in_cells(point, cube.depth), cube.depth).map(|x| x as u64);
-        (z << 32 | y << 16 | x, place as u32)
-    };
     let places = 0..positions.len();
-    let mut keys: Vec<(u64, u32)> = positions.par_iter().zip(places).map(key).collect();
+    let mut keys: Vec<(u64, u32)> = positions
+        .par_iter()
+        .zip(places)
+        .map(|(point, place): (&Point3<f64>, usize)| {
+            let [x, y, z] =
+                cube.cell(cube.in_cells(point, cube.depth), cube.depth).map(|x| x as u64);
+            (z << 32 | y << 16 | x, place as u32)
+        })
+        .collect();
     keys.par_sort_unstable();
     keys
 }
@@ -89,16 +93,18 @@ impl Pyramid {
         let places = starts.iter().map(|&at| place_of(keys[at as usize].0)).collect();
         starts.push(keys.len() as u32);
         let order: Vec<u32> = keys.into_iter().map(|(_, point)| point).collect();
-        let sums = |of_cell: &[u32]| {
-            let mut moments = Moments::default();
-            for &point in &order[of_cell[0] as usize..of_cell[1] as usize] {
-                let weight = cloud.weights.get(point as usize).copied().unwrap_or(1.0);
-                let at = cube.in_cells(&positions[point as usize], cube.depth);
-                moments.add(&Moments::of(at), weight);
-            }
-            moments
-        };
-        let moments: Vec<Moments> = starts.par_windows(2).map(sums).collect();
+        let moments: Vec<Moments> = starts
+            .par_windows(2)
+            .map(|of_cell| {
+                let mut moments = Moments::default();
+                for &point in &order[of_cell[0] as usize..of_cell[1] as usize] {
+                    let weight = cloud.weights.get(point as usize).copied().unwrap_or(1.0);
+                    let at = cube.in_cells(&positions[point as usize], cube.depth);
+                    moments.add(&Moments::of(at), weight);
+                }
+                moments
+            })
+            .collect();
         let finest = (0..moments.len() as u32).collect();
         let cells = Places::new(1 << cube.depth, places);
         let mut layers = vec![Layer { cells, moments, finest }];
@@ -201,13 +207,15 @@ impl Pyramid {
 impl Pyramid {
     /// The sum of the points' colors in each finest cell.
     pub(super) fn colors(&self, colors: &[Rgb]) -> Vec<[f64; 3]> {
-        let of_cell = |ends: &[u32]| {
-            let points = self.order[ends[0] as usize..ends[1] as usize].iter();
-            points.fold([0.0; 3], |sum, &point| {
-                [0, 1, 2].map(|k| sum[k] + f64::from(colors[point as usize][k]))
+        self.starts
+            .par_windows(2)
+            .map(|ends| {
+                let points = self.order[ends[0] as usize..ends[1] as usize].iter();
+                points.fold([0.0; 3], |sum, &point| {
+                    [0, 1, 2].map(|k| sum[k] + f64::from(colors[point as usize][k]))
+                })
             })
-        };
-        self.starts.par_windows(2).map(of_cell).collect()
+            .collect()
     }
 
     /// The mean color around a point: of the finest cells that are near, or else of what stands for coarser ones.
@@ -270,11 +278,13 @@ impl Plane {
 }
 
 fn coarser(layer: &Layer, depth: u32) -> Layer {
-    let key = |cell: usize| {
-        let [x, y, z] = layer.cells.place(cell).map(|x| x as u64 / 2);
-        (z << 32 | y << 16 | x, cell as u32)
-    };
-    let mut keys: Vec<(u64, u32)> = (0..layer.cells.len()).into_par_iter().map(key).collect();
+    let mut keys: Vec<(u64, u32)> = (0..layer.cells.len())
+        .into_par_iter()
+        .map(|cell: usize| {
+            let [x, y, z] = layer.cells.place(cell).map(|x| x as u64 / 2);
+            (z << 32 | y << 16 | x, cell as u32)
+        })
+        .collect();
     keys.par_sort_unstable();
     let (mut places, mut moments, mut finest) = (Vec::new(), Vec::new(), Vec::new());
     for cells in keys.chunk_by(|a, b| a.0 == b.0) {
@@ -344,10 +354,11 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     let moments = &pyramid.finest().moments[cell];
     let mean = moments.mean();
     let points = &pyramid.order[pyramid.starts[cell] as usize..pyramid.starts[cell + 1] as usize];
-    let sum = |vectors: &[Vector3<f64>]| -> Vector3<f64> {
-        points.iter().map(|&point| vectors[point as usize]).sum::<Vector3<f64>>() / moments.count
-    };
-    let (given, view) = (sum(&cloud.normals), sum(&cloud.views));
+    fn sum(vectors: &[Vector3<f64>], points: &[u32], moments_count: f64) -> Vector3<f64> {
+        points.iter().map(|&point| vectors[point as usize]).sum::<Vector3<f64>>() / moments_count
+    }
+    let (given, view) =
+        (sum(&cloud.normals, points, moments.count), sum(&cloud.views, points, moments.count));
     let plane = (1..=flat).rev().find_map(|depth| pyramid.plane(mean, depth));
     let at = cube.point(mean, cube.depth);
     let (mut normal, mut area, mut depth) = (Vector3::zeros(), cube.edge * cube.edge, flat);

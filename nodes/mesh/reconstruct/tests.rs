@@ -25,7 +25,9 @@ impl Noise for Random {
 /// Evenly spread points of a sphere of radius 50 mm, each moved by this deviation along each axis.
 fn sphere(count: usize, deviation: f64) -> Vec<Point3<f64>> {
     let mut random = Random(1);
-    let direction = |random: &mut Random| random.noise(1.0).normalize();
+    fn direction(random: &mut Random) -> Vector3<f64> {
+        random.noise(1.0).normalize()
+    }
     (0..count)
         .map(|_| Point3::from(direction(&mut random) * 50.0 + random.noise(deviation)))
         .collect()
@@ -102,21 +104,38 @@ fn topology(mesh: &Mesh) -> (i64, usize) {
 }
 
 fn volume(mesh: &Mesh) -> f64 {
-    let of_face = |face: &[u32]| {
-        let at = |k: usize| mesh.positions()[face[k] as usize].coords;
-        (1..face.len() - 1).map(|k| at(0).dot(&at(k).cross(&at(k + 1)))).sum::<f64>() / 6.0
-    };
-    mesh.faces().iter().map(of_face).sum()
+    mesh.faces()
+        .iter()
+        .map(|face| {
+            fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Vector3<f64> {
+                mesh.positions()[face[k] as usize].coords
+            }
+            (1..face.len() - 1)
+                .map(|k| at(0, mesh, face).dot(&at(k, mesh, face).cross(&at(k + 1, mesh, face))))
+                .sum::<f64>()
+                / 6.0
+        })
+        .sum()
 }
 
 /// The smallest angle of each triangle in degrees, sorted.
 fn smallest_angles(mesh: &Mesh) -> Vec<f64> {
-    let angle = |face: &[u32]| {
-        let at = |k: usize| mesh.positions()[face[k % 3] as usize];
-        let of_corner = |k: usize| (at(k + 1) - at(k)).angle(&(at(k + 2) - at(k))).to_degrees();
-        (0..3).map(of_corner).fold(f64::INFINITY, f64::min)
-    };
-    let mut angles: Vec<f64> = mesh.faces().iter().map(angle).collect();
+    let mut angles: Vec<f64> = mesh
+        .faces()
+        .iter()
+        .map(|face| {
+            fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
+                mesh.positions()[face[k % 3] as usize]
+            }
+            (0..3)
+                .map(|k: usize| {
+                    (at(k + 1, mesh, face) - at(k, mesh, face))
+                        .angle(&(at(k + 2, mesh, face) - at(k, mesh, face)))
+                        .to_degrees()
+                })
+                .fold(f64::INFINITY, f64::min)
+        })
+        .collect();
     angles.sort_by(f64::total_cmp);
     angles
 }
@@ -170,13 +189,13 @@ fn given_normals_decide_what_is_outside() {
     let inwards = points.iter().map(|point| (-point.coords.normalize()).into()).collect::<Vec<_>>();
     let cloud = Points::new(points).unwrap();
     let cloud = cloud.with_attribute("normal", Attribute::Vector(inwards.into())).unwrap();
-    let of = |normals| {
+    fn of(normals: Normals, cloud: &Points) -> Mesh {
         let options = Options { normals, skin: SkinKind::Open, ..Options::default() };
         let sources = [Scattered::Points(cloud.clone())];
         reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap()
-    };
-    assert!(volume(&of(Normals::Given)) < 0.0);
-    assert!(volume(&of(Normals::Estimated)) > 0.0);
+    }
+    assert!(volume(&of(Normals::Given, &cloud)) < 0.0);
+    assert!(volume(&of(Normals::Estimated, &cloud)) > 0.0);
 }
 
 #[test]
@@ -231,14 +250,20 @@ fn a_large_spacing_makes_a_control_mesh_of_quads() {
 #[test]
 fn a_range_image_shows_its_outside_to_the_sensor() {
     // A bowl that opens towards the sensor: what reaches farthest is inside.
-    let at = |cell: usize| {
-        let (x, y) = ((cell % 60) as f64 - 29.5, (cell / 60) as f64 - 29.5);
-        match (900.0 - x * x - y * y).sqrt() {
-            depth if depth.is_nan() => Point3::new(f64::NAN, 0.0, 0.0),
-            depth => Point3::new(x, y, 200.0 + depth),
-        }
-    };
-    let range = RangeImage::new(60, 60, (0..3600).map(at).collect()).unwrap();
+    let range = RangeImage::new(
+        60,
+        60,
+        (0..3600)
+            .map(|cell: usize| {
+                let (x, y) = ((cell % 60) as f64 - 29.5, (cell / 60) as f64 - 29.5);
+                match (900.0 - x * x - y * y).sqrt() {
+                    depth if depth.is_nan() => Point3::new(f64::NAN, 0.0, 0.0),
+                    depth => Point3::new(x, y, 200.0 + depth),
+                }
+            })
+            .collect(),
+    )
+    .unwrap();
     let options = Options { skin: SkinKind::Open, ..Options::default() };
     let sources = [Scattered::RangeImage(range)];
     let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap();
@@ -250,7 +275,9 @@ fn a_range_image_shows_its_outside_to_the_sensor() {
 #[test]
 fn colors_are_those_of_the_points() {
     let points = sphere(3000, 0.0);
-    let color = |point: &Point3<f64>| if point.x > 0.0 { [200, 0, 0] } else { [0, 0, 200] };
+    fn color(point: &Point3<f64>) -> [u8; 3] {
+        if point.x > 0.0 { [200, 0, 0] } else { [0, 0, 200] }
+    }
     let colors: Vec<Rgb> = points.iter().map(color).collect();
     let cloud = Points::new(points).unwrap();
     let cloud = cloud.with_attribute("color", Attribute::Color(colors.into())).unwrap();
@@ -265,10 +292,10 @@ fn colors_are_those_of_the_points() {
 
 #[test]
 fn what_has_no_skin_is_an_error() {
-    let error = |points: Vec<Point3<f64>>, options: &Options| {
+    fn error(points: Vec<Point3<f64>>, options: &Options) -> String {
         let found = reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::none());
         found.unwrap_err().to_string()
-    };
+    }
     let options = Options::default();
     let few = "there are only 1 different points, but a skin needs at least 4";
     assert_eq!(error(vec![Point3::new(1.0, 2.0, 3.0); 9], &options), few);
@@ -290,10 +317,10 @@ fn what_has_no_skin_is_an_error() {
 
 #[test]
 fn any_number_of_threads_makes_the_same() {
-    let of = |threads| {
+    fn of(threads: usize) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| skin(torus(6000, 0.3), &Options::default()))
-    };
+    }
     assert_eq!(of(1), of(3));
 }
 
@@ -306,9 +333,12 @@ fn the_skin_of_any_function_is_manifold() {
         let grids = (0..=depth).map(|depth| {
             let nodes = cells::Places::all((1 << depth) + 1);
             let last = 1 << depth;
-            let is_border = |node| nodes.place(node).iter().any(|&x| x == 0 || x == last);
-            let value = |node| if is_border(node) { 0.0 } else { random.even() };
-            let values = (0..nodes.len()).map(value).collect();
+            fn is_border(node: usize, nodes: &cells::Places, last: i32) -> bool {
+                nodes.place(node).iter().any(|&x| x == 0 || x == last)
+            }
+            let values = (0..nodes.len())
+                .map(|node| if is_border(node, &nodes, last) { 0.0 } else { random.even() })
+                .collect();
             poisson::Grid { nodes, values }
         });
         let field = Field { cube, grids: grids.collect() };

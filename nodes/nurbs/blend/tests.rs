@@ -133,8 +133,7 @@ fn another_surface_is_written_to_the_range_image_that_was_made() {
 
 #[test]
 fn replacing_leaves_a_known_part_of_a_spike() {
-    let spike = |x: f64, y: f64| if (x, y) == (11.0, 10.0) { 1.0 } else { 0.0 };
-    let range = range(22, 20, spike);
+    let range = range(22, 20, |x: f64, y: f64| if (x, y) == (11.0, 10.0) { 1.0 } else { 0.0 });
     let region = region(&range, |x, y| (4..18).contains(&x) && (4..17).contains(&y));
     for (order, left) in [(4, 16.0 / 36.0), (3, 36.0 / 64.0)] {
         let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
@@ -147,8 +146,12 @@ fn replacing_leaves_a_known_part_of_a_spike() {
 
 /// A face with a nose: half a ball of 13 cells' radius and its cells' points, 1 mm apart.
 fn face() -> (RangeImage, Region) {
-    let height_sq = |x: f64, y: f64| 169.0 - (x - 24.0) * (x - 24.0) - (y - 22.0) * (y - 22.0);
-    let noise = |x: f64, y: f64| 0.05 * libm::sin(12.9898 * x + 78.233 * y);
+    fn height_sq(x: f64, y: f64) -> f64 {
+        169.0 - (x - 24.0) * (x - 24.0) - (y - 22.0) * (y - 22.0)
+    }
+    fn noise(x: f64, y: f64) -> f64 {
+        0.05 * libm::sin(12.9898 * x + 78.233 * y)
+    }
     let range = range(49, 45, |x, y| 700.0 - height_sq(x, y).max(0.0).sqrt() + noise(x, y));
     let region = region(&range, |x, y| height_sq(x as f64, y as f64) > 0.0);
     (range, region)
@@ -163,12 +166,16 @@ fn the_summit_moves_by_the_growth_and_the_contour_stays() {
         let after =
             blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
                 .unwrap();
-        let moved = |cell: usize| (after.range.points()[cell] - range.points()[cell]).norm();
-        let summit = moved(22 * 49 + 24);
+        fn moved(cell: usize, range: &RangeImage, after_range: &RangeImage) -> f64 {
+            (after_range.points()[cell] - range.points()[cell]).norm()
+        }
+        let summit = moved(22 * 49 + 24, &range, &after.range);
         assert!((summit - growth).abs() <= 0.1 * growth, "{summit}");
         let depths = from_border(&nose, 1.0);
         let contour = nose.cells().iter().zip(depths).filter(|(_, depth)| *depth <= 1.0);
-        let most = contour.map(|(&cell, _)| moved(cell as usize)).fold(0.0, f64::max);
+        let most = contour
+            .map(|(&cell, _)| moved(cell as usize, &range, &after.range))
+            .fold(0.0, f64::max);
         assert!(0.0 < most && most <= 0.015 * growth, "order {order}: {most}");
         assert_eq!(after.folded, 0);
     }
@@ -251,9 +258,14 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
     let range = bumpy();
     let disk = disk(&range);
     let fitting = surface(&range, &disk, NetMethod::Grid, 3, 1.0);
-    let refused = |range: &RangeImage, region: &Region, surface: &Surface, resample| {
+    fn refused(
+        range: &RangeImage,
+        region: &Region,
+        surface: &Surface,
+        resample: [usize; 2],
+    ) -> BlendError {
         blend(range, region, surface, BlendMode::Replace, resample, &Progress::none()).unwrap_err()
-    };
+    }
     let free = value::ControlNet::new(3, 3, vec![Point3::origin(); 9]).unwrap();
     let free = nurbs(&free, None, None, None).unwrap();
     assert_eq!(refused(&range, &disk, &free, [1, 1]), BlendError::NoChart);
@@ -298,18 +310,30 @@ fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
         }
     }
     // Everything else farther away, by so many mm: cells are 1 mm apart.
-    let behind = |depth: f64| {
-        let is_nose = |cell: usize| nose.cells().contains(&(cell as u32));
-        let point = |(cell, point): (usize, &Point3<f64>)| {
-            point + Vector3::z() * if is_nose(cell) { 0.0 } else { depth }
-        };
-        range.with_points(range.points().iter().enumerate().map(point).collect()).unwrap()
-    };
+    fn behind(depth: f64, range: &RangeImage, nose: &Region) -> RangeImage {
+        fn is_nose(cell: usize, nose: &Region) -> bool {
+            nose.cells().contains(&(cell as u32))
+        }
+        range
+            .with_points(
+                range
+                    .points()
+                    .iter()
+                    .enumerate()
+                    .map(|(cell, point)| {
+                        point + Vector3::z() * if is_nose(cell, nose) { 0.0 } else { depth }
+                    })
+                    .collect(),
+            )
+            .unwrap()
+    }
     // In front of a far wall its silhouette is a border before and after.
-    let [before, after] = faces_before_and_after(&behind(300.0), &nose, 40.0, Profile::Round);
+    let [before, after] =
+        faces_before_and_after(&behind(300.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == before, "{before} {after}");
     // Where it hides a part of the cheek, the cheek hangs on it.
-    let [before, after] = faces_before_and_after(&behind(8.0), &nose, 40.0, Profile::Round);
+    let [before, after] =
+        faces_before_and_after(&behind(8.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == 48 * 44 * 2, "{before} {after}");
 }
 
@@ -317,8 +341,8 @@ fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
 fn a_shadow_beside_the_region_is_filled_and_one_elsewhere_is_not() {
     let (range, nose) = face();
     let mut points = range.points().to_vec();
-    let outside = |cell: &usize| !nose.cells().contains(&(*cell as u32));
-    let beside = (20 * 49 + 24..20 * 49 + 49).find(outside).unwrap();
+    let beside =
+        (20 * 49 + 24..20 * 49 + 49).find(|cell| !nose.cells().contains(&(*cell as u32))).unwrap();
     let elsewhere = 2 * 49 + 2;
     for cell in [beside, beside + 1, elsewhere] {
         points[cell] = Point3::new(f64::NAN, f64::NAN, f64::NAN);

@@ -113,7 +113,9 @@ impl LineFit {
         points: &[Vector3<f64>],
         progress: &Progress<'_>,
     ) -> Result<FittedLine, Cancelled> {
-        let settled = |control| FittedLine { control, unsettled: 0.0, rounds: Vec::new() };
+        fn settled(control: Vec<Vector3<f64>>) -> FittedLine {
+            FittedLine { control, unsettled: 0.0, rounds: Vec::new() }
+        }
         Ok(match &self.solver {
             Solver::Interpolate(factors) => {
                 let mut control = points.to_vec();
@@ -169,13 +171,14 @@ impl LineFit {
     fn start(&self, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let count = self.knots.n_control();
         let last = points.len() - 1;
-        let at = |k: usize| {
-            let index = (k * last) as f64 / (count - 1) as f64;
-            let before = (index as usize).min(last);
-            let next = points[(before + 1).min(last)];
-            points[before] + (next - points[before]) * (index - before as f64)
-        };
-        (0..count).map(at).collect()
+        (0..count)
+            .map(|k: usize| {
+                let index = (k * last) as f64 / (count - 1) as f64;
+                let before = (index as usize).min(last);
+                let next = points[(before + 1).min(last)];
+                points[before] + (next - points[before]) * (index - before as f64)
+            })
+            .collect()
     }
 }
 
@@ -246,7 +249,9 @@ impl Steps {
             let last = self.moves.len() - 1;
             (self.moves[0], self.moves[last]) = (Vector3::zeros(), Vector3::zeros());
         }
-        let largest = |all: &[Vector3<f64>]| all.iter().map(|x| x.norm()).fold(0.0, f64::max);
+        fn largest(all: &[Vector3<f64>]) -> f64 {
+            all.iter().map(|x| x.norm()).fold(0.0, f64::max)
+        }
         let missed = self.missed.iter().map(Missed::by).fold(Missed::default(), Missed::and);
         let round = Round { missed, control: factor * largest(&self.moves) };
         control.iter_mut().zip(&self.moves).for_each(|(control, step)| *control += step * factor);
@@ -263,16 +268,20 @@ mod tests {
         let pi = std::f64::consts::PI;
         let angles: Vec<f64> =
             (0..=10).map(|i| -pi / 2.0 + f64::from(i) * 2.0 * pi / 10.0).collect();
-        let point = |&t: &f64| Vector3::new(libm::cos(t), libm::sin(t) * libm::cos(t), 0.0);
-        let points = angles.iter().map(point).collect();
+        let points = angles
+            .iter()
+            .map(|&t| Vector3::new(libm::cos(t), libm::sin(t) * libm::cos(t), 0.0))
+            .collect();
         (angles, points)
     }
 
     fn helix() -> (Vec<f64>, Vec<Vector3<f64>>) {
         let angles: Vec<f64> =
             (0..=18).map(|i| f64::from(i) * std::f64::consts::PI / 3.0).collect();
-        let point = |&t: &f64| Vector3::new(5.0 * libm::cos(t), 5.0 * libm::sin(t), t);
-        let points = angles.iter().map(point).collect();
+        let points = angles
+            .iter()
+            .map(|&t| Vector3::new(5.0 * libm::cos(t), 5.0 * libm::sin(t), t))
+            .collect();
         (angles, points)
     }
 
@@ -288,12 +297,12 @@ mod tests {
     // The published numbers, to all printed digits.
     #[test]
     fn progressive_iteration_has_the_published_errors() {
-        let check = |trace: Vec<f64>, published: &[(usize, &str)]| {
+        fn check(trace: Vec<f64>, published: &[(usize, &str)]) {
             for &(k, expected) in published {
                 let expected: f64 = expected.parse().unwrap();
                 assert_eq!(format!("{:.5e}", trace[k]), format!("{expected:.5e}"), "round {k}");
             }
-        };
+        }
         check(
             trace(lemniscate(), 1.0),
             &[
@@ -375,8 +384,10 @@ mod tests {
     fn least_squares_are_what_the_iteration_settles_at() {
         let parameters: Vec<f64> =
             (0..40).map(|k| f64::from(k * (k + 30)) / (39.0 * 69.0)).collect();
-        let point = |&u: &f64| Vector3::new(u, libm::sin(9.0 * u), libm::sin(300.0 * u));
-        let points: Vec<_> = parameters.iter().map(point).collect();
+        let points: Vec<_> = parameters
+            .iter()
+            .map(|&u| Vector3::new(u, libm::sin(9.0 * u), libm::sin(300.0 * u)))
+            .collect();
         let knots = KnotVector::approximating(&parameters, 9, 3).unwrap();
         let direct = LineFit::least_squares(knots.clone(), &parameters).unwrap();
         let control = direct.fit(&points, &Progress::none()).unwrap().control;
@@ -387,15 +398,23 @@ mod tests {
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-8);
         // No control point can be moved to lower the sum of squares.
-        let sum_sq = |control: &[Vector3<f64>]| -> f64 {
-            let missed = parameters.iter().zip(&points).map(|(&u, p)| at(&direct, control, u) - p);
+        fn sum_sq(
+            control: &[Vector3<f64>],
+            parameters: &[f64],
+            points: &[Vector3<f64>],
+            direct: &LineFit,
+        ) -> f64 {
+            let missed = parameters.iter().zip(points).map(|(&u, p)| at(direct, control, u) - p);
             missed.map(|missed| missed.norm_squared()).sum()
-        };
+        }
         for k in 1..8 {
             for step in [-1e-4, 1e-4] {
                 let mut moved = control.clone();
                 moved[k].z += step;
-                assert!(sum_sq(&moved) > sum_sq(&control));
+                assert!(
+                    sum_sq(&moved, &parameters, &points, &direct)
+                        > sum_sq(&control, &parameters, &points, &direct)
+                );
             }
         }
     }

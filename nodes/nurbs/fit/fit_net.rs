@@ -108,11 +108,13 @@ pub(crate) fn fit_points(
 /// The residuals of lines of `length` points before each round, over all lines. A line that has converged keeps its last residual.
 fn missed_before_rounds(lines: &[FittedLine], length: usize) -> Vec<[f64; 2]> {
     let count = lines.iter().map(|line| line.rounds.len()).max().unwrap_or(0);
-    let of_round = |round: usize| {
-        let missed = lines.iter().filter_map(|line| line.rounds.get(round).or(line.rounds.last()));
-        distances(missed.copied().fold(Missed::default(), Missed::and), lines.len() * length)
-    };
-    (0..count).map(of_round).collect()
+    (0..count)
+        .map(|round: usize| {
+            let missed =
+                lines.iter().filter_map(|line| line.rounds.get(round).or(line.rounds.last()));
+            distances(missed.copied().fold(Missed::default(), Missed::and), lines.len() * length)
+        })
+        .collect()
 }
 
 /// The largest distance and the root of the mean square over so many points.
@@ -132,6 +134,9 @@ pub(crate) fn trace(
     let missed = net.points().iter().zip(met).map(|(point, met)| Missed::by(&(point - met)));
     let end = distances(missed.fold(Missed::default(), Missed::and), net.points().len());
     let steps = (0..).zip(rounds.into_iter().chain([end]));
-    let step = |(iteration, [max, rms]): (u64, [f64; 2])| TraceStep { iteration, max, rms };
-    Ok(Trace::new(steps.map(step).collect())?)
+    Ok(Trace::new(
+        steps
+            .map(|(iteration, [max, rms]): (u64, [f64; 2])| TraceStep { iteration, max, rms })
+            .collect(),
+    )?)
 }

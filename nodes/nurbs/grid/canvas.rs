@@ -55,14 +55,18 @@ impl Canvas {
             BlendMode::Feather { band } => from_border(region, band),
             BlendMode::Displacement | BlendMode::Replace => vec![0.0; region.cells().len()],
         };
-        let target = |(&cell, depth): (&u32, f64)| match place(chart, cell) {
-            Some(coordinate) => Ok(Target { cell: cell as usize, coordinate, depth }),
-            None => Err(BlendError::NotOnSurface {
-                column: cell as usize % width,
-                row: cell as usize / width,
-            }),
-        };
-        let targets = region.cells().iter().zip(depths).map(target).collect::<Result<_, _>>()?;
+        let targets = region
+            .cells()
+            .iter()
+            .zip(depths)
+            .map(|(&cell, depth): (&u32, f64)| match place(chart, cell) {
+                Some(coordinate) => Ok(Target { cell: cell as usize, coordinate, depth }),
+                None => Err(BlendError::NotOnSurface {
+                    column: cell as usize % width,
+                    row: cell as usize / width,
+                }),
+            })
+            .collect::<Result<_, _>>()?;
         Ok(Self { width, height, points, targets })
     }
 }

@@ -66,12 +66,13 @@ impl Disk {
 
 /// Marks as inside what no path over the sides of cells outside joins with the rim of the grid.
 fn close_holes(rows: usize, columns: usize, inside: &mut [u8]) {
-    let rim = |at: &usize| {
-        let (row, column) = (at / columns, at % columns);
-        row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
-    };
-    let mut stack: Vec<usize> =
-        (0..inside.len()).filter(rim).filter(|&at| inside[at] == 0).collect();
+    let mut stack: Vec<usize> = (0..inside.len())
+        .filter(|at| {
+            let (row, column) = (at / columns, at % columns);
+            row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
+        })
+        .filter(|&at| inside[at] == 0)
+        .collect();
     let mut outside = vec![false; inside.len()];
     stack.iter().for_each(|&at| outside[at] = true);
     while let Some(at) = stack.pop() {
@@ -140,11 +141,13 @@ fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     }
     let most = sizes.iter().max();
     let largest = sizes.iter().position(|size| Some(size) == most);
-    let kept = |name: &u32| largest == Some(*name as usize);
+    fn kept(name: &u32, largest: &Option<usize>) -> bool {
+        *largest == Some(*name as usize)
+    }
     triangles
         .iter()
         .zip(&part)
-        .filter(|(_, name)| kept(name))
+        .filter(|(_, name)| kept(name, &largest))
         .map(|(triangle, _)| *triangle)
         .collect()
 }

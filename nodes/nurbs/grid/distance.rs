@@ -9,8 +9,8 @@ use maquette_value::Region;
 /// distance transformation of an n-dimensional digitized picture" (1994).
 pub(crate) fn from_border(region: &Region, most: f64) -> Vec<f64> {
     let (width, height) = (region.width(), region.height());
-    let far = |inside: u8| if inside == 1 { FAR } else { 0 };
-    let mut steps: Vec<u32> = region.grid().into_iter().map(far).collect();
+    let mut steps: Vec<u32> =
+        region.grid().into_iter().map(|inside: u8| if inside == 1 { FAR } else { 0 }).collect();
     for cell in width..width * height {
         steps[cell] = steps[cell].min(steps[cell - width].saturating_add(1));
     }
@@ -18,17 +18,21 @@ pub(crate) fn from_border(region: &Region, most: f64) -> Vec<f64> {
         steps[cell] = steps[cell].min(steps[cell + width].saturating_add(1));
     }
     let reach = most.max(0.0).ceil() as usize;
-    let distance = |&cell: &u32| {
-        let (row, column) = (cell as usize / width, cell as usize % width);
-        let columns = column.saturating_sub(reach)..=column.saturating_add(reach).min(width - 1);
-        let least_sq = columns
-            .map(|other| (steps[row * width + other], other.abs_diff(column) as f64))
-            .filter(|(down, _)| *down < FAR)
-            .map(|(down, aside)| f64::from(down) * f64::from(down) + aside * aside)
-            .fold(f64::INFINITY, f64::min);
-        if least_sq <= most * most { least_sq.sqrt() } else { f64::INFINITY }
-    };
-    region.cells().iter().map(distance).collect()
+    region
+        .cells()
+        .iter()
+        .map(|&cell| {
+            let (row, column) = (cell as usize / width, cell as usize % width);
+            let columns =
+                column.saturating_sub(reach)..=column.saturating_add(reach).min(width - 1);
+            let least_sq = columns
+                .map(|other| (steps[row * width + other], other.abs_diff(column) as f64))
+                .filter(|(down, _)| *down < FAR)
+                .map(|(down, aside)| f64::from(down) * f64::from(down) + aside * aside)
+                .fold(f64::INFINITY, f64::min);
+            if least_sq <= most * most { least_sq.sqrt() } else { f64::INFINITY }
+        })
+        .collect()
 }
 
 /// No cell outside in this column.
@@ -42,8 +46,9 @@ mod tests {
     #[test]
     fn distances_are_those_to_the_nearest_cell_outside() {
         let range = range(17, 13, |_, _| 0.0);
-        let inside = |x: usize, y: usize| !(x * 7 + y * 5).is_multiple_of(11) && (x, y) != (8, 6);
-        let scattered = region(&range, inside);
+        let scattered = region(&range, |x: usize, y: usize| {
+            !(x * 7 + y * 5).is_multiple_of(11) && (x, y) != (8, 6)
+        });
         let wide = region(&range, |x, y| (2..15).contains(&x) && (1..12).contains(&y));
         for region in [scattered, wide] {
             for (cell, distance) in region.cells().iter().zip(from_border(&region, 4.0)) {

@@ -23,9 +23,15 @@ pub(crate) fn folded_cells(
             }
             let corner = row * width + column;
             let corners = [corner, corner + 1, corner + width + 1, corner + width];
-            let area = |points: &[Point3<f64>]| area(corners.map(|at| points[at]), camera);
+            fn cell_area(
+                points: &[Point3<f64>],
+                corners: [usize; 4],
+                camera: &Option<&Pinhole>,
+            ) -> f64 {
+                area(corners.map(|at| points[at]), *camera)
+            }
             // An invalid corner makes the area NaN, which is neither.
-            area(before) > 0.0 && area(after) <= 0.0
+            cell_area(before, corners, &camera) > 0.0 && cell_area(after, corners, &camera) <= 0.0
         })
     };
     changed.iter().filter(folds).count()
@@ -34,11 +40,10 @@ pub(crate) fn folded_cells(
 /// Twice the signed area of a square of cells on the picture: positive seen from the front, with columns to the right and rows
 /// down.
 fn area(corners: [Point3<f64>; 4], camera: Option<&Pinhole>) -> f64 {
-    let on_picture = |point: Point3<f64>| match camera {
+    let [a, b, c, d] = corners.map(|point: Point3<f64>| match camera {
         Some(camera) => camera.project(point),
         None => [point.x, point.y],
-    };
-    let [a, b, c, d] = corners.map(on_picture);
+    });
     let falling = [c[0] - a[0], c[1] - a[1]];
     let rising = [d[0] - b[0], d[1] - b[1]];
     falling[0] * rising[1] - falling[1] * rising[0]

@@ -16,20 +16,29 @@ type Corners = [Option<(usize, f64)>; 4];
 pub(crate) fn refine(canvas: &Canvas, [down, right]: [usize; 2]) -> Canvas {
     let old = Old::new(canvas);
     let (width, height) = (canvas.width * right, canvas.height * down);
-    let row = |row: usize| {
-        let place = |column: usize| {
-            let at = [position(row, down), position(column, right)];
-            (row / down * canvas.width + column / right, old.corners(at))
-        };
-        let places = || (0..width).map(place).enumerate();
-        let points: Vec<_> = places().map(|(_, (_, corners))| old.point(&corners)).collect();
-        let target = |(column, (owner, corners)): (usize, (usize, Corners))| {
-            let (coordinate, depth) = old.target(owner, &corners)?;
-            Some(Target { cell: row * width + column, coordinate, depth })
-        };
-        (points, places().filter_map(target).collect::<Vec<_>>())
-    };
-    let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
+    let rows: Vec<_> = (0..height)
+        .into_par_iter()
+        .map(|row: usize| {
+            let places = || {
+                (0..width)
+                    .map(|column: usize| {
+                        let at = [position(row, down), position(column, right)];
+                        (row / down * canvas.width + column / right, old.corners(at))
+                    })
+                    .enumerate()
+            };
+            let points: Vec<_> = places().map(|(_, (_, corners))| old.point(&corners)).collect();
+            (
+                points,
+                places()
+                    .filter_map(|(column, (owner, corners)): (usize, (usize, Corners))| {
+                        let (coordinate, depth) = old.target(owner, &corners)?;
+                        Some(Target { cell: row * width + column, coordinate, depth })
+                    })
+                    .collect::<Vec<_>>(),
+            )
+        })
+        .collect();
     let (mut points, mut targets) = (Vec::with_capacity(width * height), Vec::new());
     for (row, inside) in rows {
         points.extend(row);
@@ -82,8 +91,13 @@ impl<'a> Old<'a> {
 
     /// NaN if a corner is invalid.
     fn point(&self, corners: &Corners) -> Point3<f64> {
-        let part = |&(cell, share): &(usize, f64)| self.canvas.points[cell].coords * share;
-        Point3::from(corners.iter().flatten().map(part).sum::<Vector3<f64>>())
+        Point3::from(
+            corners
+                .iter()
+                .flatten()
+                .map(|&(cell, share)| self.canvas.points[cell].coords * share)
+                .sum::<Vector3<f64>>(),
+        )
     }
 
     /// The net coordinate and depth of a part of the cell `owner`, if that is inside.
@@ -176,17 +190,18 @@ mod tests {
 
     /// A canvas of 7 x 5 cells on a plane, with a region in its middle whose chart is bent.
     fn canvas() -> Canvas {
-        let inside = |cell: &usize| (2..6).contains(&(cell % 7)) && (1..4).contains(&(cell / 7));
-        let target = |cell: usize| Target {
-            cell,
-            coordinate: [(cell / 7) as f64 * 2.0, (cell % 7) as f64 - (cell / 7) as f64],
-            depth: 1.0,
-        };
         Canvas {
             width: 7,
             height: 5,
             points: (0..35).map(|cell| plane((cell % 7) as f64, (cell / 7) as f64)).collect(),
-            targets: (0..35).filter(inside).map(target).collect(),
+            targets: (0..35)
+                .filter(|cell| (2..6).contains(&(cell % 7)) && (1..4).contains(&(cell / 7)))
+                .map(|cell: usize| Target {
+                    cell,
+                    coordinate: [(cell / 7) as f64 * 2.0, (cell % 7) as f64 - (cell / 7) as f64],
+                    depth: 1.0,
+                })
+                .collect(),
         }
     }
 

@@ -26,7 +26,9 @@ impl Seam {
 pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64>]) -> Seam {
     let (width, height) = (region.width(), region.height());
     let inside = region.grid();
-    let valid = |cell: usize| !before[cell].x.is_nan();
+    fn valid(cell: usize, before: &[Point3<f64>]) -> bool {
+        !before[cell].x.is_nan()
+    }
     let mut step = 0.0f64;
     for &cell in region.cells() {
         let cell = cell as usize;
@@ -37,17 +39,25 @@ pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64
             (column + 1 < width).then_some(cell + 1),
             (row + 1 < height).then_some(cell + width),
         ];
-        let at_border = near.into_iter().flatten().any(|near| inside[near] == 0 && valid(near));
-        if at_border && valid(cell) {
+        let at_border =
+            near.into_iter().flatten().any(|near| inside[near] == 0 && valid(near, before));
+        if at_border && valid(cell, before) {
             step = step.max((points[cell] - before[cell]).norm());
         }
     }
-    let outside = |cell: usize| inside[cell] == 0 && valid(cell);
+    fn outside(cell: usize, inside: &[u8], before: &[Point3<f64>]) -> bool {
+        inside[cell] == 0 && valid(cell, before)
+    }
     let mut spacings: Vec<f64> = (0..inside.len())
-        .filter(|cell| (cell + 1) % width != 0 && outside(*cell) && outside(cell + 1))
+        .filter(|cell| {
+            (cell + 1) % width != 0
+                && outside(*cell, &inside, before)
+                && outside(cell + 1, &inside, before)
+        })
         .map(|cell| (before[cell + 1] - before[cell]).norm())
         .collect();
-    let down = (width..inside.len()).filter(|&cell| outside(cell) && outside(cell - width));
+    let down = (width..inside.len())
+        .filter(|&cell| outside(cell, &inside, before) && outside(cell - width, &inside, before));
     spacings.extend(down.map(|cell| (before[cell] - before[cell - width]).norm()));
     let middle = spacings.len() / 2;
     let spacing = match spacings.is_empty() {
@@ -67,14 +77,17 @@ mod tests {
         let range = range(9, 8, |_, _| 5.0);
         let square = region(&range, |x, y| (2..7).contains(&x) && (2..7).contains(&y));
         let before = range.points();
-        let moved = |at: usize, by: f64| {
+        fn moved(at: usize, by: f64, square: &Region, before: &[Point3<f64>]) -> Seam {
             let mut points = before.to_vec();
             points[at].z += by;
-            seam(&square, before, &points)
-        };
-        assert_eq!(moved(4 * 9 + 4, 50.0), Seam { step: 0.0, spacing: 1.0 });
-        assert_eq!(moved(2 * 9 + 4, 2.0), Seam { step: 2.0, spacing: 1.0 });
-        assert!(!moved(2 * 9 + 4, 2.9).is_visible() && moved(2 * 9 + 4, 3.1).is_visible());
+            seam(square, before, &points)
+        }
+        assert_eq!(moved(4 * 9 + 4, 50.0, &square, before), Seam { step: 0.0, spacing: 1.0 });
+        assert_eq!(moved(2 * 9 + 4, 2.0, &square, before), Seam { step: 2.0, spacing: 1.0 });
+        assert!(
+            !moved(2 * 9 + 4, 2.9, &square, before).is_visible()
+                && moved(2 * 9 + 4, 3.1, &square, before).is_visible()
+        );
         let whole = region(&range, |_, _| true);
         assert_eq!(seam(&whole, before, before), Seam { step: 0.0, spacing: f64::INFINITY });
     }

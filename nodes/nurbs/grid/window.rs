@@ -78,18 +78,19 @@ impl GridWindow {
     pub(crate) fn at(&self, [x, y]: [f64; 2]) -> Point3<f64> {
         let [x, y] = [x.min((self.columns - 1) as f64), y.min((self.rows - 1) as f64)];
         let [x, y] = [x.max(0.0), y.max(0.0)];
-        let before = |at: f64, count: usize| (at as usize).min(count.saturating_sub(2));
+        fn before(at: f64, count: usize) -> usize {
+            (at as usize).min(count.saturating_sub(2))
+        }
         let (column, row) = (before(x, self.columns), before(y, self.rows));
         let (s, t) = (x - column as f64, y - row as f64);
         let point = |row: usize, column: usize| {
             let (row, column) = (row.min(self.rows - 1), column.min(self.columns - 1));
             self.points[row * self.columns + column]
         };
-        let along = |row: usize| {
+        let [above, below] = [row, row + 1].map(|row| {
             let (a, b) = (point(row, column), point(row, column + 1));
             a + (b - a) * s
-        };
-        let (above, below) = (along(row), along(row + 1));
+        });
         above + (below - above) * t
     }
 }
@@ -101,29 +102,32 @@ pub(crate) fn placed<'a>(
     range: &RangeImage,
     progress: &Progress<'_>,
 ) -> Result<Cow<'a, Region>, Unsolved> {
-    let now = |cell: u32| range.point(cell as usize);
+    fn now(cell: u32, range: &RangeImage) -> Option<Point3<f64>> {
+        range.point(cell as usize)
+    }
     let mut cells = region.cells().iter().zip(region.points());
-    if cells.all(|(&cell, point)| now(cell).is_none_or(|now| now == *point)) {
+    if cells.all(|(&cell, point)| now(cell, range).is_none_or(|now| now == *point)) {
         return Ok(Cow::Borrowed(region));
     }
     let (low, high) = region.bounds();
     let (columns, rows) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
-    let place = |cell: u32| {
+    fn place(cell: u32, low: [usize; 2], columns: usize, region: &Region) -> usize {
         let (column, row) = (cell as usize % region.width(), cell as usize / region.width());
         (row - low[1]) * columns + column - low[0]
-    };
+    }
     let mut motions = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
     for (&cell, point) in region.cells().iter().zip(region.points()) {
-        if let Some(now) = now(cell) {
-            motions[place(cell)] = (now - point).into();
+        if let Some(now) = now(cell, range) {
+            motions[place(cell, low, columns, region)] = (now - point).into();
         }
     }
-    if region.cells().iter().any(|&cell| now(cell).is_none()) {
+    if region.cells().iter().any(|&cell| now(cell, range).is_none()) {
         fill(&mut motions, rows, columns, progress)?;
     }
     let cells = region.cells().iter().zip(region.points());
-    let points =
-        cells.map(|(&cell, point)| now(cell).unwrap_or(point + motions[place(cell)].coords));
+    let points = cells.map(|(&cell, point)| {
+        now(cell, range).unwrap_or(point + motions[place(cell, low, columns, region)].coords)
+    });
     let moved = Region::new(
         region.width(),
         region.height(),

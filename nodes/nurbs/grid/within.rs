@@ -28,17 +28,17 @@ pub(crate) fn within(net: &value::ControlNet, region: &Region) -> Result<Vec<u8>
         return Err(WithinError::Size { region: grid, net: chart.grid });
     }
     let columns = net.columns();
-    let distance_sq = |at: usize, [a, b]: [f64; 2]| {
+    fn distance_sq(at: usize, [a, b]: [f64; 2], columns: usize) -> f64 {
         let (a, b) = (a - (at / columns) as f64, b - (at % columns) as f64);
         a * a + b * b
-    };
+    }
     let cells = || chart.cells.iter().zip(chart.coordinates.iter());
     let mut nearest: Vec<Option<(f64, u32)>> = vec![None; net.points().len()];
     for (&cell, &[a, b]) in cells() {
         let (row, column) = (a.round() as usize, b.round() as usize);
         if row < net.rows() && column < columns {
             let at = row * columns + column;
-            let distance = distance_sq(at, [a, b]);
+            let distance = distance_sq(at, [a, b], columns);
             if nearest[at].is_none_or(|(least, _)| distance < least) {
                 nearest[at] = Some((distance, cell));
             }
@@ -46,12 +46,13 @@ pub(crate) fn within(net: &value::ControlNet, region: &Region) -> Result<Vec<u8>
     }
     // Where cells are sparser than the net, a point may have no cell of its own. Fixed points may lie far from all cells.
     let search = |at: usize| {
-        let distances = cells().map(|(&cell, &at_cell)| (distance_sq(at, at_cell), cell));
+        let distances = cells().map(|(&cell, &at_cell)| (distance_sq(at, at_cell, columns), cell));
         distances.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|_| net.fixed()[at] == 0)
     };
-    let is_within = |at: usize| {
-        let cell = nearest[at].or_else(|| search(at));
-        u8::from(cell.is_some_and(|(_, cell)| region.find(cell as usize).is_some()))
-    };
-    Ok((0..net.points().len()).map(is_within).collect())
+    Ok((0..net.points().len())
+        .map(|at: usize| {
+            let cell = nearest[at].or_else(|| search(at));
+            u8::from(cell.is_some_and(|(_, cell)| region.find(cell as usize).is_some()))
+        })
+        .collect())
 }

@@ -7,6 +7,10 @@ pub(crate) fn is_even(knots: &KnotVector) -> bool {
     let Ok(even) = KnotVector::uniform(knots.n_control(), knots.degree() + 1) else { return false };
     let ((start, end), (even_start, even_end)) = (knots.domain(), even.domain());
     let scale = (even_end - even_start) / (end - start);
-    let place = |knot: &f64| (knot - start) * scale + even_start;
-    knots.knots().iter().map(place).zip(even.knots()).all(|(a, b)| (a - b).abs() <= 1e-9 * even_end)
+    knots
+        .knots()
+        .iter()
+        .map(|knot| (knot - start) * scale + even_start)
+        .zip(even.knots())
+        .all(|(a, b)| (a - b).abs() <= 1e-9 * even_end)
 }

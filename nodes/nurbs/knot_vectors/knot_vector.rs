@@ -25,12 +25,17 @@ pub fn knots(
         return Err(KnotsError::TooFew { order, along, points });
     }
     let degree = order.saturating_sub(1);
-    let averaged = |parameters: Vec<f64>| KnotVector::averaged(&parameters, degree);
+    fn averaged(
+        parameters: Vec<f64>,
+        degree: usize,
+    ) -> Result<KnotVector, maquette_value::KnotVectorError> {
+        KnotVector::averaged(&parameters, degree)
+    }
     Ok(match kind {
         KnotsKind::Uniform => KnotVector::uniform(points, order)?,
-        KnotsKind::Averaging => averaged(even(points))?,
-        KnotsKind::Chord => averaged(parameters(net, along, |distance| distance))?,
-        KnotsKind::Centripetal => averaged(parameters(net, along, f64::sqrt))?,
+        KnotsKind::Averaging => averaged(even(points), degree)?,
+        KnotsKind::Chord => averaged(parameters(net, along, |distance| distance), degree)?,
+        KnotsKind::Centripetal => averaged(parameters(net, along, f64::sqrt), degree)?,
         KnotsKind::Periodic => KnotVector::periodic(points, order)?,
         KnotsKind::Cylinder if (points, order) == (9, 3) => KnotVector::cylinder(),
         KnotsKind::Cylinder => return Err(KnotsError::NotCylinder { order, along, points }),
@@ -93,9 +98,9 @@ mod tests {
 
     #[test]
     fn given_knots_are_counted_and_checked() {
-        let given = |values: &[f64]| {
+        fn given(values: &[f64]) -> Result<KnotVector, KnotsError> {
             knots(&net(&[0.0; 3]), Along::V, 2, &KnotsKind::Values(values.to_vec()))
-        };
+        }
         assert_eq!(given(&[0., 0., 3., 4., 4.]).unwrap().knots(), [0., 0., 3., 4., 4.]);
         assert_eq!(given(&[0., 1.]), Err(KnotsError::Count { order: 2, points: 3, count: 2 }));
         assert!(matches!(given(&[0., 0., 3., 2., 4.]), Err(KnotsError::Knots(_))));

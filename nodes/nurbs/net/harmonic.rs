@@ -50,11 +50,13 @@ pub(crate) fn net(
     let sides = Sides::new(&disk, corners);
     let square = map_to_square(&disk, &sides)?;
     let lengths: Vec<f64> = sides.0.iter().map(|side| length(&disk, side)).collect();
-    let chosen = |given: usize, a: usize, b: usize| match given {
-        0 => (((lengths[a] + lengths[b]) / 2.0).round() as usize + 1).clamp(LEAST, MOST),
-        given => given,
-    };
-    let (rows, columns) = (chosen(rows, 0, 2), chosen(columns, 1, 3));
+    fn chosen(given: usize, a: usize, b: usize, lengths: &[f64]) -> usize {
+        match given {
+            0 => (((lengths[a] + lengths[b]) / 2.0).round() as usize + 1).clamp(LEAST, MOST),
+            given => given,
+        }
+    }
+    let (rows, columns) = (chosen(rows, 0, 2, &lengths), chosen(columns, 1, 3, &lengths));
 
     let mut points = interior(&disk, &window, &square, rows, columns)?;
     for (k, side) in sides.0.iter().enumerate() {
@@ -112,7 +114,7 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
     let frame = Frame::new(disk);
     let local: Vec<[f64; 2]> =
         disk.border.iter().map(|&vertex| frame.local(disk.places[vertex as usize])).collect();
-    let farthest = |across: f64, down: f64| {
+    fn farthest(across: f64, down: f64, local: &[[f64; 2]], n: usize) -> usize {
         let rank = |k: &usize| {
             let [x, y] = local[*k];
             (across * x + down * y, -(across * x - down * y).abs())
@@ -121,9 +123,9 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
         let best = (0..n).map(|k| rank(&k).0).fold(f64::NEG_INFINITY, f64::max);
         let equals = (0..n).filter(|k| rank(k).0 >= best - 1e-9);
         equals.max_by(|a, b| rank(a).1.total_cmp(&rank(b).1).then(b.cmp(a))).unwrap_or(0)
-    };
+    }
     let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
-        .map(|(across, down)| farthest(across, down));
+        .map(|(across, down)| farthest(across, down, &local, n));
     match in_order(corners, n) {
         true => corners,
         // A region with a corner on two diagonals: quarters of the border, which has four vertices at least.
@@ -140,12 +142,19 @@ fn given_corners(
     let mut corners = [0; 4];
     for (corner, cell) in corners.iter_mut().zip(cells) {
         let (x, y) = (cell[0] as f64 - window.left as f64, cell[1] as f64 - window.top as f64);
-        let place = |k: &usize| disk.places[disk.border[*k] as usize];
-        let distance = |k: &usize| libm::hypot(place(k)[0] - x, place(k)[1] - y);
+        fn place(k: &usize, disk_places: &[[f64; 2]], disk_border: &[u32]) -> [f64; 2] {
+            disk_places[disk_border[*k] as usize]
+        }
+        let distance = |k: &usize| {
+            libm::hypot(
+                place(k, &disk.places, &disk.border)[0] - x,
+                place(k, &disk.places, &disk.border)[1] - y,
+            )
+        };
         let nearest = (0..disk.border.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
         *corner = nearest.unwrap_or(0);
         if distance(corner) > SNAP {
-            let [column, row] = place(corner).map(|at| at as usize);
+            let [column, row] = place(corner, &disk.places, &disk.border).map(|at| at as usize);
             let nearest = [window.left + column, window.top + row];
             return Err(NetError::CornerOff { corner: cell, nearest });
         }
@@ -220,8 +229,8 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> 
     };
     let (left, top) = (bound(0, f64::min), bound(1, f64::min));
     let (width, height) = (bound(0, f64::max) - left, bound(1, f64::max) - top);
-    let guess = |[x, y]: &[f64; 2]| [(y - top) / height, (x - left) / width];
-    let mut square: Vec<[f64; 2]> = disk.places.iter().map(guess).collect();
+    let mut square: Vec<[f64; 2]> =
+        disk.places.iter().map(|[x, y]| [(y - top) / height, (x - left) / width]).collect();
     for (k, side) in sides.0.iter().enumerate() {
         for (&vertex, share) in side.iter().zip(shares(disk, side)) {
             square[vertex as usize] = match k {
@@ -245,13 +254,20 @@ fn interior(
     columns: usize,
 ) -> Result<Vec<Point3<f64>>, NetError> {
     let cells = window.points.len();
-    let point = |vertex: u32| match (vertex as usize).checked_sub(cells) {
-        None => window.points[vertex as usize],
-        Some(middle) => {
-            let [a, b] = disk.between[middle].map(|cell| window.points[cell as usize]);
-            a + (b - a) * 0.5
+    fn point(
+        vertex: u32,
+        cells: usize,
+        window_points: &[Point3<f64>],
+        disk_between: &[[u32; 2]],
+    ) -> Point3<f64> {
+        match (vertex as usize).checked_sub(cells) {
+            None => window_points[vertex as usize],
+            Some(middle) => {
+                let [a, b] = disk_between[middle].map(|cell| window_points[cell as usize]);
+                a + (b - a) * 0.5
+            }
         }
-    };
+    }
     // How deep in its triangle each point lies: on an edge rounding may put it outside of both.
     let mut depths = vec![f64::NEG_INFINITY; rows * columns];
     let mut points = vec![Point3::origin(); rows * columns];
@@ -265,31 +281,38 @@ fn interior(
         if area == 0.0 {
             continue;
         }
-        let reach = |axis: usize, count: usize| {
+        fn reach(
+            axis: usize,
+            count: usize,
+            corners: &[[f64; 2]; 3],
+        ) -> std::ops::RangeInclusive<usize> {
             let at = corners.map(|corner| corner[axis]);
             let low = at[0].min(at[1]).min(at[2]) - REACH;
             let high = at[0].max(at[1]).max(at[2]) + REACH;
             (low.ceil().max(1.0) as usize)..=(high.floor().min((count - 2) as f64) as usize)
-        };
-        for row in reach(0, rows) {
-            for column in reach(1, columns) {
+        }
+        for row in reach(0, rows, &corners) {
+            for column in reach(1, columns, &corners) {
                 let at = [row as f64, column as f64];
                 let shares = [cross(at, b, c), cross(a, at, c), cross(a, b, at)].map(|x| x / area);
                 let depth = shares[0].min(shares[1]).min(shares[2]);
                 let index = row * columns + column;
                 if depth > depths[index] {
                     depths[index] = depth;
-                    let [p, q, r] = triangle.map(|vertex| point(vertex).coords);
+                    let [p, q, r] = triangle
+                        .map(|vertex| point(vertex, cells, &window.points, &disk.between).coords);
                     points[index] = (p * shares[0] + q * shares[1] + r * shares[2]).into();
                 }
             }
         }
     }
-    let inner = |at: &usize| {
-        let (row, column) = (at / columns, at % columns);
-        0 < row && row + 1 < rows && 0 < column && column + 1 < columns
-    };
-    match (0..depths.len()).filter(inner).find(|&at| depths[at] == f64::NEG_INFINITY) {
+    match (0..depths.len())
+        .filter(|at| {
+            let (row, column) = (at / columns, at % columns);
+            0 < row && row + 1 < rows && 0 < column && column + 1 < columns
+        })
+        .find(|&at| depths[at] == f64::NEG_INFINITY)
+    {
         None => Ok(points),
         Some(_) => Err(NetError::Harmonic { residual: f64::INFINITY }),
     }
@@ -333,11 +356,14 @@ fn coordinates(
             }
         }
     }
-    let of_cell = |&cell: &u32| {
-        let [row, column] = window.place(cell);
-        places[row * window.columns + column].ok_or(NetError::Parts)
-    };
-    region.cells().iter().map(of_cell).collect()
+    region
+        .cells()
+        .iter()
+        .map(|&cell| {
+            let [row, column] = window.place(cell);
+            places[row * window.columns + column].ok_or(NetError::Parts)
+        })
+        .collect()
 }
 
 #[cfg(test)]

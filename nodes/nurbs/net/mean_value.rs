@@ -54,8 +54,10 @@ impl System {
                     continue;
                 }
                 let at = disk.places[i as usize];
-                let spoke = |to: u32| [0, 1].map(|axis| disk.places[to as usize][axis] - at[axis]);
-                let (a, b) = (spoke(j), spoke(k));
+                fn spoke(to: u32, at: [f64; 2], disk_places: &[[f64; 2]]) -> [f64; 2] {
+                    [0, 1].map(|axis| disk_places[to as usize][axis] - at[axis])
+                }
+                let (a, b) = (spoke(j, at, &disk.places), spoke(k, at, &disk.places));
                 let [length_a, length_b] = [a, b].map(|[x, y]| (x * x + y * y).sqrt());
                 // The tangent of half the angle between the spokes: (1 - cos) / sin.
                 let cross = (a[0] * b[1] - a[1] * b[0]).abs();
@@ -114,7 +116,9 @@ impl System {
     }
 
     fn iterate(&self, x: &mut [f64], most: usize, steps: &mut usize) {
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        fn dot(a: &[f64], b: &[f64]) -> f64 {
+            a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
+        }
         let n = self.inner.len();
         // A vector of the inner vertices as one of all vertices, whose other entries stay 0.
         let mut whole = vec![0.0; self.count];

@@ -45,17 +45,24 @@ pub(crate) fn net(
     let window = GridWindow::alone(region, progress)?;
     let center = middle(region, &window);
     let contour = outline(&window, center)?;
-    let cell = |[x, y]: [f64; 2]| {
-        let at = |middle: f64, step: f64| (middle + step).round() as usize;
-        (window.left + at(center[0], x), window.top + at(center[1], y))
-    };
+    fn cell(
+        [x, y]: [f64; 2],
+        center: [f64; 2],
+        window_left: usize,
+        window_top: usize,
+    ) -> (usize, usize) {
+        fn at(middle: f64, step: f64) -> usize {
+            (middle + step).round() as usize
+        }
+        (window_left + at(center[0], x), window_top + at(center[1], y))
+    }
     let rays = Rays::new(&contour).map_err(|why| match why {
         NotAStar::NotInside => {
-            let (column, row) = cell([0.0; 2]);
+            let (column, row) = cell([0.0; 2], center, window.left, window.top);
             NetError::NoMiddle { column, row }
         }
         NotAStar::Bay { at, depth } => {
-            let (column, row) = cell(at);
+            let (column, row) = cell(at, center, window.left, window.top);
             NetError::NotStarShaped { column, row, cells: depth }
         }
     })?;
@@ -67,11 +74,14 @@ pub(crate) fn net(
     let rings =
         if rows == 0 { (wheel.radius().ceil() as usize).max(LEAST_RINGS) } else { rows - 1 };
     let points = wheel.points(&window, rings);
-    let place = |cell: &u32| {
-        let [row, column] = window.place(*cell);
-        wheel.coordinate([column as f64, row as f64], rings, order)
-    };
-    let coordinates = region.cells().iter().map(place).collect();
+    let coordinates = region
+        .cells()
+        .iter()
+        .map(|cell| {
+            let [row, column] = window.place(*cell);
+            wheel.coordinate([column as f64, row as f64], rings, order)
+        })
+        .collect();
     let columns = count + repeated;
     let points: Vec<Point3<f64>> = (0..(rings + 1) * columns)
         .map(|at| points[at / columns * count + at % columns % count])
@@ -95,11 +105,14 @@ fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetEr
     if all.iter().filter(|contour| !contour.hole).count() != 1 {
         return Err(NetError::Parts);
     }
-    let place = |&cell: &u32| {
-        let (column, row) = (cell as usize % window.columns, cell as usize / window.columns);
-        [column as f64 - center[0], row as f64 - center[1]]
-    };
-    Ok(all[0].cells.iter().map(place).collect())
+    Ok(all[0]
+        .cells
+        .iter()
+        .map(|&cell| {
+            let (column, row) = (cell as usize % window.columns, cell as usize / window.columns);
+            [column as f64 - center[0], row as f64 - center[1]]
+        })
+        .collect())
 }
 
 /// The middle of a region and spokes to its contour.
@@ -124,10 +137,11 @@ impl Wheel {
         let mut points = vec![pole; count];
         for ring in 1..=rings {
             let share = ring as f64 / rings as f64;
-            let on = |[x, y]: &[f64; 2]| {
-                window.at([self.center[0] + share * x, self.center[1] + share * y])
-            };
-            points.extend(self.spokes.iter().map(on));
+            points.extend(
+                self.spokes.iter().map(|[x, y]| {
+                    window.at([self.center[0] + share * x, self.center[1] + share * y])
+                }),
+            );
         }
         if rings > 1 {
             flatten(pole, &mut points[count..2 * count]);
@@ -141,10 +155,11 @@ impl Wheel {
     fn coordinate(&self, [x, y]: [f64; 2], rings: usize, order: usize) -> [f64; 2] {
         let count = self.spokes.len();
         let place = [x - self.center[0], y - self.center[1]];
-        let between = |k: &usize| {
+        let Some(k) = (0..count).find(|k| {
             turn(self.spokes[*k], place) >= 0.0 && turn(place, self.spokes[(k + 1) % count]) > 0.0
+        }) else {
+            return [0.0, order as f64 / 2.0];
         };
-        let Some(k) = (0..count).find(between) else { return [0.0, order as f64 / 2.0] };
         let next = self.spokes[(k + 1) % count];
         let (before, after) = (turn(self.spokes[k], place), turn(place, next));
         let ring = (before + after) / turn(self.spokes[k], next) * rings as f64;
@@ -158,11 +173,10 @@ impl Wheel {
 
 /// Moves the points of a ring into the plane through the pole that fits them best.
 fn flatten(pole: Point3<f64>, ring: &mut [Point3<f64>]) {
-    let spread = |sum: Matrix3<f64>, point: &Point3<f64>| {
+    let covariance = ring.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, point| {
         let spoke = point - pole;
         sum + spoke * spoke.transpose()
-    };
-    let covariance = ring.iter().fold(Matrix3::zeros(), spread);
+    });
     if !covariance.iter().all(|x| x.is_finite()) {
         return;
     }
@@ -267,10 +281,10 @@ mod tests {
 
     /// A disk whose contour goes in and out by up to so many cells, without any order, with a spur and a speck beside it.
     fn jagged(range: &RangeImage, teeth: f64) -> Region {
-        let noise = |x: usize, y: usize| {
+        fn noise(x: usize, y: usize) -> f64 {
             let mixed = (x * 7919 + y * 104_729 + 13).wrapping_mul(2_654_435_761) >> 7;
             (mixed % 1000) as f64 / 500.0 - 1.0
-        };
+        }
         region(range, |x, y| {
             let radius = libm::hypot(x as f64 - 21.3, y as f64 - 19.6);
             radius < 13.0 + teeth / 2.0 * noise(x, y) && radius < 13.0 + teeth / 2.0
@@ -310,25 +324,36 @@ mod tests {
     fn regions_that_are_no_stars_are_refused() {
         let range = hill();
         let moon = region(&range, |x, y| {
-            let far = |cx: usize| x.abs_diff(cx).pow(2) + y.abs_diff(18).pow(2);
-            far(18) < 225 && far(27) > 150
+            fn far(cx: usize, x: usize, y: usize) -> usize {
+                x.abs_diff(cx).pow(2) + y.abs_diff(18).pow(2)
+            }
+            far(18, x, y) < 225 && far(27, x, y) > 150
         });
-        let refused = |region: &Region, method, rows, columns| {
-            control_net(region, &range, method, rows, columns, &Progress::none()).unwrap_err()
-        };
-        assert!(matches!(refused(&moon, POLAR, 0, 0), NetError::NotStarShaped { .. }));
+        fn refused(
+            region: &Region,
+            method: NetMethod,
+            rows: usize,
+            columns: usize,
+            range: &RangeImage,
+        ) -> NetError {
+            control_net(region, range, method, rows, columns, &Progress::none()).unwrap_err()
+        }
+        assert!(matches!(refused(&moon, POLAR, 0, 0, &range), NetError::NotStarShaped { .. }));
         let line = region(&range, |x, y| y == 4 && x < 9);
-        assert_eq!(refused(&line, POLAR, 0, 0), NetError::NoMiddle { column: 4, row: 4 });
+        assert_eq!(refused(&line, POLAR, 0, 0, &range), NetError::NoMiddle { column: 4, row: 4 });
         let ring = region(&range, |x, y| {
             let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
             (100.0..250.0).contains(&(x * x + y * y)) && (x < 0.0 || y.abs() > 2.0)
         });
-        assert!(matches!(refused(&ring, POLAR, 0, 0), NetError::NoMiddle { .. }));
+        assert!(matches!(refused(&ring, POLAR, 0, 0, &range), NetError::NoMiddle { .. }));
         let two = region(&range, |x, _| !(4..=9).contains(&x));
-        assert_eq!(refused(&two, POLAR, 0, 0), NetError::Parts);
+        assert_eq!(refused(&two, POLAR, 0, 0, &range), NetError::Parts);
         let egg = egg(&range);
-        assert_eq!(refused(&egg, POLAR, 0, 4), NetError::FewColumns { columns: 4, least: 5 });
+        assert_eq!(
+            refused(&egg, POLAR, 0, 4, &range),
+            NetError::FewColumns { columns: 4, least: 5 }
+        );
         let order = NetError::Order { order: 11 };
-        assert_eq!(refused(&egg, NetMethod::Polar { order: 11 }, 0, 0), order);
+        assert_eq!(refused(&egg, NetMethod::Polar { order: 11 }, 0, 0, &range), order);
     }
 }

@@ -107,14 +107,17 @@ fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
 /// free counts by their share.
 fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
     let (columns, base) = (net.columns(), net.base());
-    let quad = |at: usize| {
-        let corners = [at, at + 1, at + columns + 1, at + columns];
-        let [a, b, c, d] = corners.map(|corner| base[corner]);
-        let share = corners.iter().map(|&corner| f64::from(free[corner])).sum::<f64>() / 4.0;
-        share * (c - a).cross(&(d - b)).norm() / 2.0
-    };
     let quads = (0..net.rows().saturating_sub(1) * columns).filter(|at| at % columns + 1 < columns);
-    (quads.map(quad).sum::<f64>() / std::f64::consts::PI).sqrt()
+    (quads
+        .map(|at: usize| {
+            let corners = [at, at + 1, at + columns + 1, at + columns];
+            let [a, b, c, d] = corners.map(|corner| base[corner]);
+            let share = corners.iter().map(|&corner| f64::from(free[corner])).sum::<f64>() / 4.0;
+            share * (c - a).cross(&(d - b)).norm() / 2.0
+        })
+        .sum::<f64>()
+        / std::f64::consts::PI)
+        .sqrt()
 }
 
 /// From 0 at the points that stay to 1 at the innermost free one; if none stays, the net's border counts as staying.
@@ -127,13 +130,13 @@ fn inwardness(
     free: &[u8],
     progress: &Progress<'_>,
 ) -> Result<Vec<f64>, Unsolved> {
-    let border = |at: usize| {
+    fn border(at: usize, columns: usize, rows: usize) -> bool {
         let (row, column) = (at / columns, at % columns);
         row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
-    };
+    }
     let mut free = free.to_vec();
     if !free.contains(&0) {
-        (0..free.len()).filter(|&at| border(at)).for_each(|at| free[at] = 0);
+        (0..free.len()).filter(|&at| border(at, columns, rows)).for_each(|at| free[at] = 0);
     }
     let mut heights = vec![0.0; free.len()];
     laplace::solve(columns, rows, &free, 1.0, &mut heights, progress)?;
@@ -142,8 +145,10 @@ fn inwardness(
         return Ok(heights);
     }
     // Rounding may leave a height a little below 0 or above the highest.
-    let inward = |height: f64| 1.0 - (1.0 - (height / highest).clamp(0.0, 1.0)).sqrt();
-    Ok(heights.into_iter().map(inward).collect())
+    Ok(heights
+        .into_iter()
+        .map(|height: f64| 1.0 - (1.0 - (height / highest).clamp(0.0, 1.0)).sqrt())
+        .collect())
 }
 
 /// A field laid over a net, corners on corners, bilinear between its pixels, scaled so that its least number is 0 and its greatest
@@ -151,27 +156,29 @@ fn inwardness(
 fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
     let (least, greatest) = field.range()?;
     let (least, span) = (f64::from(least), f64::from(greatest) - f64::from(least));
-    let level = |row: usize, column: usize| {
+    fn level(row: usize, column: usize, least: f64, span: f64, field: &Field) -> f64 {
         let number = f64::from(field.pixels()[row * field.width() + column]);
         match (number.is_finite(), span > 0.0) {
             (false, _) => 0.0,
             (true, false) => 1.0,
             (true, true) => (number - least) / span,
         }
-    };
+    }
     // The pixel before a net's line, the one after it, and the share of the latter.
-    let place = |k: usize, count: usize, size: usize| {
+    fn place(k: usize, count: usize, size: usize) -> (usize, usize, f64) {
         let at = (size - 1) as f64 * (k as f64 / (count - 1).max(1) as f64);
         let before = (at as usize).min(size - 1);
         (before, (before + 1).min(size - 1), at - before as f64)
-    };
+    }
     let mut levels = Vec::with_capacity(rows * columns);
     for row in 0..rows {
         let (top, bottom, t) = place(row, rows, field.height());
         for column in 0..columns {
             let (left, right, s) = place(column, columns, field.width());
-            let [above, below] =
-                [top, bottom].map(|y| level(y, left) * (1.0 - s) + level(y, right) * s);
+            let [above, below] = [top, bottom].map(|y| {
+                level(y, left, least, span, field) * (1.0 - s)
+                    + level(y, right, least, span, field) * s
+            });
             levels.push(above * (1.0 - t) + below * t);
         }
     }
@@ -191,10 +198,10 @@ mod tests {
     #[test]
     fn on_a_disk_the_profile_is_the_distance_from_the_rim() {
         let radius = 20.0;
-        let from_center = |at: usize| {
+        fn from_center(at: usize) -> f64 {
             let (x, y) = ((at % 43) as f64 - 21.0, (at / 43) as f64 - 21.0);
             (x * x + y * y).sqrt()
-        };
+        }
         let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
         let cone =
             Profile::Power(1.0).factors(&net(43, 43), &free, 1.0, None, &Progress::none()).unwrap();
@@ -208,21 +215,21 @@ mod tests {
     fn profiles_rise_from_the_border_to_one() {
         let mut free = vec![0; 25];
         [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
-        let factors = |profile: Profile| {
-            profile.factors(&net(5, 5), &free, 1.0, None, &Progress::none()).unwrap()
-        };
+        fn factors(profile: Profile, free: &[u8]) -> Vec<f64> {
+            profile.factors(&net(5, 5), free, 1.0, None, &Progress::none()).unwrap()
+        }
         for profile in [Profile::Cosine, Profile::Power(2.0)] {
-            let factors = factors(profile);
+            let factors = factors(profile, &free);
             assert_eq!(factors[0], 0.0);
             assert!((factors[12] - 1.0).abs() <= 1e-6);
             assert!(0.0 < factors[6] && factors[6] < factors[7] && factors[7] < factors[12]);
         }
-        assert!((factors(Profile::Gaussian(0.5))[0] - libm::exp(-2.0)).abs() <= 1e-15);
-        assert_eq!(factors(Profile::Plateau), [1.0; 25]);
+        assert!((factors(Profile::Gaussian(0.5), &free)[0] - libm::exp(-2.0)).abs() <= 1e-15);
+        assert_eq!(factors(Profile::Plateau, &free), [1.0; 25]);
         // Without a point that stays, the border of the net is the border of the profile.
         assert_eq!(
             Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::none()).unwrap(),
-            factors(Profile::Cosine)
+            factors(Profile::Cosine, &free)
         );
         assert_eq!(
             Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::none()),
@@ -232,8 +239,14 @@ mod tests {
 
     #[test]
     fn a_smooth_hill_has_no_tip_at_a_pole() {
-        let ring = |at: usize| Point3::new((at / 6) as f64, ((at / 6) * (at % 6)) as f64, 0.0);
-        let net = value::ControlNet::new(5, 6, (0..30).map(ring).collect::<Vec<_>>()).unwrap();
+        let net = value::ControlNet::new(
+            5,
+            6,
+            (0..30)
+                .map(|at: usize| Point3::new((at / 6) as f64, ((at / 6) * (at % 6)) as f64, 0.0))
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
         let factors =
             |profile: Profile| profile.factors(&net, &free, 1.0, None, &Progress::none()).unwrap();
@@ -247,7 +260,12 @@ mod tests {
 
     #[test]
     fn a_picture_is_laid_over_the_net() {
-        let over = |pixels: Vec<f32>, width, rows, columns| {
+        fn over(
+            pixels: Vec<f32>,
+            width: usize,
+            rows: usize,
+            columns: usize,
+        ) -> Result<Vec<f64>, ProfileError> {
             let picture = Field::new(width, pixels.len() / width, pixels).unwrap();
             Profile::Picture.factors(
                 &net(rows, columns),
@@ -256,7 +274,7 @@ mod tests {
                 Some(&picture),
                 &Progress::none(),
             )
-        };
+        }
         let levels = over(vec![10.0, 30.0, 10.0, 50.0], 2, 3, 3).unwrap();
         assert_eq!(levels, [0.0, 0.25, 0.5, 0.0, 0.375, 0.75, 0.0, 0.5, 1.0]);
         assert_eq!(over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);

@@ -78,12 +78,18 @@ impl Rays {
         if !around || outermost.iter().any(|&reach| reach.is_nan() || reach <= FLAT) {
             return Err(NotAStar::NotInside);
         }
-        let hidden = |ray: &usize| outermost[*ray] - inside[*ray];
-        let deepest = (0..count).max_by(|a, b| hidden(a).total_cmp(&hidden(b))).unwrap_or(0);
-        if TEETH.max(TEETH_SHARE * outermost[deepest]) < hidden(&deepest) {
+        fn hidden(ray: &usize, outermost: &[f64], inside: &[f64]) -> f64 {
+            outermost[*ray] - inside[*ray]
+        }
+        let deepest = (0..count)
+            .max_by(|a, b| {
+                hidden(a, &outermost, &inside).total_cmp(&hidden(b, &outermost, &inside))
+            })
+            .unwrap_or(0);
+        if TEETH.max(TEETH_SHARE * outermost[deepest]) < hidden(&deepest, &outermost, &inside) {
             let at = direction(start + (deepest as f64 + 0.5) * step);
             let at = at.map(|axis| axis * outermost[deepest]);
-            return Err(NotAStar::Bay { at, depth: hidden(&deepest) });
+            return Err(NotAStar::Bay { at, depth: hidden(&deepest, &outermost, &inside) });
         }
         let lengths = smoothed(&outermost, ((SMOOTHING * DENSITY) as usize).min((count - 1) / 2));
         let mut along = vec![0.0];
@@ -102,15 +108,16 @@ impl Rays {
     /// The ends of so many spokes, evenly spaced along the line through the rays' ends: (column, row).
     pub(crate) fn spokes(&self, count: usize) -> Vec<[f64; 2]> {
         let rays = self.lengths.len();
-        let spoke = |k: usize| {
-            let along = self.length() * k as f64 / count as f64;
-            let ray = self.along[..rays].partition_point(|&before| before <= along) - 1;
-            let share = (along - self.along[ray]) / (self.along[ray + 1] - self.along[ray]);
-            let (reach, next) = (self.lengths[ray], self.lengths[(ray + 1) % rays]);
-            let angle = self.start + (ray as f64 + 0.5 + share) * TAU / rays as f64;
-            direction(angle).map(|axis| axis * (reach + (next - reach) * share))
-        };
-        (0..count).map(spoke).collect()
+        (0..count)
+            .map(|k: usize| {
+                let along = self.length() * k as f64 / count as f64;
+                let ray = self.along[..rays].partition_point(|&before| before <= along) - 1;
+                let share = (along - self.along[ray]) / (self.along[ray + 1] - self.along[ray]);
+                let (reach, next) = (self.lengths[ray], self.lengths[(ray + 1) % rays]);
+                let angle = self.start + (ray as f64 + 0.5 + share) * TAU / rays as f64;
+                direction(angle).map(|axis| axis * (reach + (next - reach) * share))
+            })
+            .collect()
     }
 }
 
@@ -129,10 +136,11 @@ fn direction(angle: f64) -> [f64; 2] {
 fn smoothed(numbers: &[f64], reach: usize) -> Vec<f64> {
     let count = numbers.len();
     let window = |k: usize| (k + count - reach..=k + count + reach).map(|k| k % count);
-    let largest = |k: usize| window(k).map(|k| numbers[k]).fold(0.0, f64::max);
-    let largest: Vec<f64> = (0..count).map(largest).collect();
-    let mean = |k: usize| window(k).map(|k| largest[k]).sum::<f64>() / (2 * reach + 1) as f64;
-    (0..count).map(mean).collect()
+    let largest: Vec<f64> =
+        (0..count).map(|k: usize| window(k).map(|k| numbers[k]).fold(0.0, f64::max)).collect();
+    (0..count)
+        .map(|k: usize| window(k).map(|k| largest[k]).sum::<f64>() / (2 * reach + 1) as f64)
+        .collect()
 }
 
 #[cfg(test)]
@@ -175,11 +183,11 @@ mod tests {
     #[test]
     fn a_tooth_is_passed_over_and_a_bay_is_named() {
         // A square with a slit behind an overhang of `width` from the right side's lower part.
-        let square = |width: f64| {
+        fn square(width: f64) -> Vec<[f64; 2]> {
             let right = [[20.0, -20.0], [-20.0, -20.0], [-20.0, 20.0], [20.0, 20.0]];
             let slit = [[20.0, 6.0], [20.0 - width, 6.0], [20.0 - width, 3.0], [19.0, 3.0]];
             [right.as_slice(), &slit, &[[19.0, 5.0], [20.0, 5.0]]].concat()
-        };
+        }
         let rays = Rays::new(&square(2.0)).unwrap();
         assert!(rays.spokes(64).windows(2).all(|pair| turn(pair[0], pair[1]) > 0.0));
         let Err(NotAStar::Bay { at, depth }) = Rays::new(&square(8.0)) else { panic!("no bay") };

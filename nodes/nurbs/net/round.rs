@@ -53,13 +53,14 @@ impl Round {
 /// The heights of the hill whose wall has a slope with the squared cosine `rest`.
 fn outline(rest: f64) -> Vec<f64> {
     let greatest = (1.0 - rest).sqrt();
-    let slope = |step: usize| {
+    fn slope(step: usize, greatest: f64, rest: f64) -> f64 {
         let sine = greatest * rise(step as f64 / STEPS as f64);
         sine / (1.0 - sine * sine).max(rest).sqrt()
-    };
+    }
     let mut heights = vec![0.0; STEPS + 1];
     for step in (0..STEPS).rev() {
-        heights[step] = heights[step + 1] + (slope(step) + slope(step + 1)) / (2 * STEPS) as f64;
+        heights[step] = heights[step + 1]
+            + (slope(step, greatest, rest) + slope(step + 1, greatest, rest)) / (2 * STEPS) as f64;
     }
     heights
 }

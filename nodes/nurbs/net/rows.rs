@@ -34,10 +34,12 @@ pub(crate) fn net(
     };
     let transposed = lines.transposed;
     let LineNet { points, across, along, mut chart } = lines.net(along, across);
-    let turn = |pair: [usize; 2]| if transposed { [pair[1], pair[0]] } else { pair };
-    let [rows, columns] = turn([across, along]);
+    fn turn(pair: [usize; 2], transposed: bool) -> [usize; 2] {
+        if transposed { [pair[1], pair[0]] } else { pair }
+    }
+    let [rows, columns] = turn([across, along], transposed);
     let points: Vec<Point3<f64>> = (0..rows * columns)
-        .map(|at| turn([at / columns, at % columns]))
+        .map(|at| turn([at / columns, at % columns], transposed))
         .map(|[line, k]| points[line * along + k])
         .collect();
     if transposed {
@@ -89,16 +91,18 @@ impl Lines {
             })
             .collect();
         cells.sort_unstable();
-        let cell_at = |line: usize, k: usize| match transposed {
-            false => line * width + k,
-            true => k * width + line,
-        };
+        fn cell_at(line: usize, k: usize, width: usize, transposed: bool) -> usize {
+            match transposed {
+                false => line * width + k,
+                true => k * width + line,
+            }
+        }
         let mut gaps = 0;
         let lines = cells.chunk_by(|a, b| a[0] == b[0]).map(|cells| {
             let (line, first, last) = (cells[0][0], cells[0][1], cells[cells.len() - 1][1]);
             gaps += last - first + 1 - cells.len();
             let mut points: Vec<Option<Point3<f64>>> =
-                (first..=last).map(|k| range.point(cell_at(line, k))).collect();
+                (first..=last).map(|k| range.point(cell_at(line, k, width, transposed))).collect();
             for &[_, k, index] in cells {
                 points[k - first] = Some(region.points()[index]);
             }
@@ -117,8 +121,9 @@ impl Lines {
         let wanted = if across == 0 { lines.len().max(LEAST) } else { across };
         // Lines whose number fits stay as they are: even steps across would move them.
         let even = (wanted == lines.len()).then(|| vec![counted(wanted); along]);
-        let column = |k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>();
-        let columns: Vec<_> = (0..along).map(column).collect();
+        let columns: Vec<_> = (0..along)
+            .map(|k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>())
+            .collect();
         let across = even.unwrap_or_else(|| columns.iter().map(|points| shares(points)).collect());
         let columns: Vec<_> = (columns.iter().zip(&across))
             .map(|(points, shares)| resampled(points, shares, wanted))
@@ -190,18 +195,21 @@ pub(crate) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) ->
     if last == 0 {
         return vec![points[0]; count];
     }
-    let sample = |share: f64| {
-        let after = shares.partition_point(|&at| at <= share).clamp(1, last);
-        let [low, high] = [shares[after - 1], shares[after]];
-        if share - low <= SAME {
-            points[after - 1]
-        } else if high - share <= SAME {
-            points[after]
-        } else {
-            points[after - 1] + (points[after] - points[after - 1]) * ((share - low) / (high - low))
-        }
-    };
-    counted(count).into_iter().map(sample).collect()
+    counted(count)
+        .into_iter()
+        .map(|share: f64| {
+            let after = shares.partition_point(|&at| at <= share).clamp(1, last);
+            let [low, high] = [shares[after - 1], shares[after]];
+            if share - low <= SAME {
+                points[after - 1]
+            } else if high - share <= SAME {
+                points[after]
+            } else {
+                points[after - 1]
+                    + (points[after] - points[after - 1]) * ((share - low) / (high - low))
+            }
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -221,8 +229,8 @@ mod tests {
     fn a_planar_rectangle_is_its_own_net() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
         for (width, height) in [(7, 5), (5, 7), (4, 11)] {
-            let inside = |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y);
-            let rectangle = region(&range, inside);
+            let rectangle =
+                region(&range, |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y));
             let net = net(&rectangle, &range, 0, 0);
             assert_eq!((net.rows(), net.columns()), (height, width));
             let coordinates = &net.chart().unwrap().coordinates;
@@ -260,11 +268,17 @@ mod tests {
         assert_eq!((net.rows(), net.columns()), (7, 9));
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, legs.cells());
-        let at = |cell: usize| chart.coordinates[legs.find(cell).unwrap()];
-        assert_eq!(at(0), [0.0, 0.0]);
+        fn at(
+            cell: usize,
+            legs: &Region,
+            chart_coordinates: &maquette_value::Column<[f64; 2]>,
+        ) -> [f64; 2] {
+            chart_coordinates[legs.find(cell).unwrap()]
+        }
+        assert_eq!(at(0, &legs, &chart.coordinates), [0.0, 0.0]);
         // The bar between the legs is two cells high, and its lower one is the end of its line.
-        assert_eq!(at(11 + 4), [6.0, 4.0]);
-        assert_eq!(at(6 * 11 + 8), [6.0, 8.0]);
+        assert_eq!(at(11 + 4, &legs, &chart.coordinates), [6.0, 4.0]);
+        assert_eq!(at(6 * 11 + 8, &legs, &chart.coordinates), [6.0, 8.0]);
     }
 
     #[test]

@@ -15,11 +15,15 @@ fn spots(rows: &[&str]) -> Labels {
 /// Cells with a point on a tilted plane where the drawing has `#`.
 fn scan(rows: &[&str]) -> RangeImage {
     let mask = Mask::drawn(rows);
-    let point = |(index, &valid): (usize, &u8)| {
-        let (x, y) = ((index % mask.width()) as f64, (index / mask.width()) as f64);
-        if valid == 1 { Point3::new(x, y, 700.0 + 0.5 * x - 0.25 * y) } else { HOLE }
-    };
-    let points = mask.pixels().iter().enumerate().map(point).collect();
+    let points = mask
+        .pixels()
+        .iter()
+        .enumerate()
+        .map(|(index, &valid)| {
+            let (x, y) = ((index % mask.width()) as f64, (index / mask.width()) as f64);
+            if valid == 1 { Point3::new(x, y, 700.0 + 0.5 * x - 0.25 * y) } else { HOLE }
+        })
+        .collect();
     RangeImage::new(mask.width(), mask.height(), points).unwrap()
 }
 
@@ -61,14 +65,14 @@ fn fill_contour(width: usize, height: usize, chain: &[u32]) -> String {
 }
 
 fn disk(size: usize, radius_sq: usize, hole_sq: usize) -> Mask {
-    let inside = |index: usize| {
+    fn inside(index: usize, size: usize, hole_sq: usize, radius_sq: usize) -> bool {
         let distance_sq = [index % size, index / size]
             .map(|at| (2 * at).abs_diff(size - 1).pow(2))
             .iter()
             .sum::<usize>();
         (4 * hole_sq..4 * radius_sq).contains(&distance_sq)
-    };
-    let pixels = (0..size * size).map(|index| u8::from(inside(index)));
+    }
+    let pixels = (0..size * size).map(|index| u8::from(inside(index, size, hole_sq, radius_sq)));
     Mask::new(size, size, pixels.collect()).unwrap()
 }
 
@@ -160,16 +164,16 @@ fn a_shadow_that_reaches_beyond_the_region_is_filled_inside_and_background_is_le
 #[test]
 fn what_a_part_surrounds_belongs_to_it() {
     let labels = ["#####.", "#...#.", "#.#.#.", "#...##", "###.##"];
-    let region = |enclosed| {
+    fn region(enclosed: bool, labels: &[&str; 5]) -> String {
         let taken = Taken { fill: true, enclosed, close_radius: 0 };
-        let labels = label(&Mask::drawn(&labels), Connectivity::Four);
+        let labels = label(&Mask::drawn(labels), Connectivity::Four);
         draw(
             &extract_region(&labels, &full(6, 5), Pick::Largest, taken, &Progress::none()).unwrap(),
         )
-    };
-    assert_eq!(region(false), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
+    }
+    assert_eq!(region(false, &labels), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
     // The way in from below is open: nothing is surrounded.
-    assert_eq!(region(true), region(false));
+    assert_eq!(region(true, &labels), region(false, &labels));
     let closed = ["#####.", "#...#.", "#.#.#.", "#...##", "######"];
     let labels = label(&Mask::drawn(&closed), Connectivity::Four);
     let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
@@ -180,7 +184,7 @@ fn what_a_part_surrounds_belongs_to_it() {
 #[test]
 fn what_is_seen_through_a_handle_is_no_part_of_it() {
     let labels = label(&Mask::drawn(&["#####", "#...#", "#...#", "#####"]), Connectivity::Four);
-    let behind = |depth: f64| {
+    fn behind(depth: f64, labels: &Labels) -> String {
         let flat = full(5, 4);
         let points = flat.points().iter().enumerate().map(|(cell, point)| {
             let is_gap = (1..4).contains(&(cell % 5)) && (1..3).contains(&(cell / 5));
@@ -188,10 +192,10 @@ fn what_is_seen_through_a_handle_is_no_part_of_it() {
         });
         let range = RangeImage::new(5, 4, points.collect()).unwrap();
         let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
-        draw(&extract_region(&labels, &range, Pick::Largest, taken, &Progress::none()).unwrap())
-    };
-    assert_eq!(behind(2.0), "#####\n#####\n#####\n#####\n");
-    assert_eq!(behind(90.0), "#####\n#...#\n#...#\n#####\n");
+        draw(&extract_region(labels, &range, Pick::Largest, taken, &Progress::none()).unwrap())
+    }
+    assert_eq!(behind(2.0, &labels), "#####\n#####\n#####\n#####\n");
+    assert_eq!(behind(90.0, &labels), "#####\n#...#\n#...#\n#####\n");
 }
 
 #[test]
@@ -216,10 +220,10 @@ fn cells_filled_before_stay_flagged() {
 #[test]
 fn a_gap_is_closed() {
     let labels = spots(&["......", ".##.#.", ".##.#.", ".###..", "......"]);
-    let region = |radius| {
+    fn region(radius: usize, labels: &Labels) -> String {
         draw(
             &extract_region(
-                &labels,
+                labels,
                 &full(6, 5),
                 Pick::Largest,
                 taken(true, radius),
@@ -227,9 +231,9 @@ fn a_gap_is_closed() {
             )
             .unwrap(),
         )
-    };
-    assert_eq!(region(0), "......\n.##...\n.##...\n.###..\n......\n");
-    assert_eq!(region(1), "......\n.####.\n.####.\n.###..\n......\n");
+    }
+    assert_eq!(region(0, &labels), "......\n.##...\n.##...\n.###..\n......\n");
+    assert_eq!(region(1, &labels), "......\n.####.\n.####.\n.###..\n......\n");
 }
 
 #[test]
@@ -250,11 +254,11 @@ fn parts_are_picked_by_size_number_and_place() {
 #[test]
 fn what_cannot_be_picked_is_explained() {
     let labels = spots(&["##.#.", "##...", "...##"]);
-    let message = |labels: &Labels, pick| {
+    fn message(labels: &Labels, pick: Pick) -> String {
         extract_region(labels, &full(5, 3), pick, taken(true, 0), &Progress::none())
             .unwrap_err()
             .to_string()
-    };
+    }
     expect!["there is no rank 4: the labels have 3 parts, numbered from 1"]
         .assert_eq(&message(&labels, Pick::Rank(4)));
     expect!["there is no label 0: the labels have 3 parts, numbered from 1"]
@@ -273,11 +277,11 @@ fn what_cannot_be_picked_is_explained() {
 
 #[test]
 fn a_part_without_cells_or_points_is_explained() {
-    let message = |range: &RangeImage, rows: &[&str]| {
+    fn message(range: &RangeImage, rows: &[&str]) -> String {
         extract_region(&spots(rows), range, Pick::Largest, taken(true, 1), &Progress::none())
             .unwrap_err()
             .to_string()
-    };
+    }
     let map = Registration::corners([2, 1], [4, 2]);
     expect!["label 1 has 1 pixels, but they cover no cell of the range grid by half"]
         .assert_eq(&message(&full(2, 1).with_registration(map), &["#...", "...."]));
@@ -287,14 +291,14 @@ fn a_part_without_cells_or_points_is_explained() {
 
 #[test]
 fn a_region_of_the_whole_range_image_is_told_from_one_that_reaches_its_border() {
-    let everything = |rows: &[&str]| {
+    fn everything(rows: &[&str]) -> bool {
         let range = full(rows[0].len(), rows.len());
         let progress = Progress::none();
         is_everything(
             &extract_region(&spots(rows), &range, Pick::Largest, taken(true, 0), &progress)
                 .unwrap(),
         )
-    };
+    }
     assert!(everything(&["####"; 4]));
     assert!(!everything(&["....", "####", "####"]));
 }

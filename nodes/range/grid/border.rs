@@ -32,18 +32,23 @@ const MOST_HALVINGS: usize = 32;
 impl Border {
     /// The borders of `faces`, each vertex of which is passed by one border at most. `may_be` says which vertices can lie there.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
-        let sides = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
-        let mut edges: Vec<[u32; 2]> = (faces.iter().flat_map(sides))
-            .filter(|&[from, to]| may_be(from) && may_be(to))
-            .collect();
+        let mut edges: Vec<[u32; 2]> =
+            (faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
+                .filter(|&[from, to]| may_be(from) && may_be(to))
+                .collect();
         edges.sort_unstable();
-        let has = |edge: [u32; 2]| edges.binary_search(&edge).is_ok();
-        let alone: Vec<[u32; 2]> = edges.iter().copied().filter(|&[a, b]| !has([b, a])).collect();
+        fn has(edge: [u32; 2], edges: &[[u32; 2]]) -> bool {
+            edges.binary_search(&edge).is_ok()
+        }
+        let alone: Vec<[u32; 2]> =
+            edges.iter().copied().filter(|&[a, b]| !has([b, a], &edges)).collect();
         let vertices: Vec<u32> = alone.iter().map(|&[from, _]| from).collect();
-        let index = |vertex: u32| vertices.binary_search(&vertex).ok();
+        fn index(vertex: u32, vertices: &[u32]) -> Option<usize> {
+            vertices.binary_search(&vertex).ok()
+        }
         let mut beside = vec![[u32::MAX; 2]; vertices.len()];
         for (from, &[_, to]) in alone.iter().enumerate() {
-            let to = index(to).expect("a border goes on where it arrives");
+            let to = index(to, &vertices).expect("a border goes on where it arrives");
             beside[from][1] = to as u32;
             beside[to][0] = from as u32;
         }
@@ -65,24 +70,31 @@ impl Border {
         if rounds == 0 || self.vertices.is_empty() {
             return Vec::new();
         }
-        let at = |&vertex: &u32| {
-            let vertex = vertex as usize;
-            (positions[vertex].coords, Vector2::from(places[vertex]))
-        };
-        let old: Vec<(Vector3<f64>, Vector2<f64>)> = self.vertices.iter().map(at).collect();
-        let on_rim = |place: &Vector2<f64>| {
+        let old: Vec<(Vector3<f64>, Vector2<f64>)> = self
+            .vertices
+            .iter()
+            .map(|&vertex| {
+                let vertex = vertex as usize;
+                (positions[vertex].coords, Vector2::from(places[vertex]))
+            })
+            .collect();
+        fn on_rim(place: &Vector2<f64>, size: [usize; 2]) -> bool {
             (0..2).any(|k| place[k] == 0.0 || place[k] + 1.0 == size[k] as f64)
-        };
+        }
         let mut now = old.clone();
         for share in (0..rounds).flat_map(|_| SHARES) {
-            let step = |(&[before, behind], here): (&[u32; 2], &(_, _))| {
-                let (a, b): &(Vector3<f64>, Vector2<f64>) = here;
-                let ((c, d), (e, f)) = (now[before as usize], now[behind as usize]);
-                (a + ((c + e) / 2.0 - a) * share, b + ((d + f) / 2.0 - b) * share)
-            };
-            let next: Vec<_> = self.beside.iter().zip(&now).map(step).collect();
+            let next: Vec<_> = self
+                .beside
+                .iter()
+                .zip(&now)
+                .map(|(&[before, behind], here): (&[u32; 2], &(_, _))| {
+                    let (a, b): &(Vector3<f64>, Vector2<f64>) = here;
+                    let ((c, d), (e, f)) = (now[before as usize], now[behind as usize]);
+                    (a + ((c + e) / 2.0 - a) * share, b + ((d + f) / 2.0 - b) * share)
+                })
+                .collect();
             now = next;
-            for (now, old) in now.iter_mut().zip(&old).filter(|(_, old)| on_rim(&old.1)) {
+            for (now, old) in now.iter_mut().zip(&old).filter(|(_, old)| on_rim(&old.1, size)) {
                 *now = *old;
             }
         }
@@ -111,29 +123,34 @@ impl Border {
     ) -> Vec<usize> {
         let mut places = vec![u32::MAX; positions.len()];
         (0..).zip(&self.vertices).for_each(|(k, &vertex)| places[vertex as usize] = k);
-        let is_near = |&face: &usize| faces[face].iter().any(|&it| places[it as usize] != u32::MAX);
         let all = (0..faces.len()).into_par_iter().with_min_len(BLOCK);
-        let near: Vec<usize> = all.filter(is_near).collect();
+        let near: Vec<usize> = all
+            .filter(|&face| faces[face].iter().any(|&it| places[it as usize] != u32::MAX))
+            .collect();
         for round in 0..MOST_HALVINGS {
-            let now = |vertex: u32| {
-                let moved = moves.get(places[vertex as usize] as usize);
-                positions[vertex as usize] + moved.map_or(Vector3::zeros(), |moved| moved.0)
-            };
-            let collapses = |&face: &usize| {
-                let old = double_area(faces[face].map(|it| positions[it as usize])).norm();
-                double_area(faces[face].map(now)).norm() < LEAST_AREA * old
-            };
-            let found = Vec::from_iter(near.iter().copied().filter(collapses));
+            let found: Vec<_> = near
+                .iter()
+                .copied()
+                .filter(|&face| {
+                    let old = double_area(faces[face].map(|it| positions[it as usize])).norm();
+                    double_area(faces[face].map(|vertex: u32| {
+                        let moved = moves.get(places[vertex as usize] as usize);
+                        positions[vertex as usize] + moved.map_or(Vector3::zeros(), |moved| moved.0)
+                    }))
+                    .norm()
+                        < LEAST_AREA * old
+                })
+                .collect();
             if round == 0 {
                 let is_speck =
                     |&face: &usize| self.is_speck(faces[face].map(|it| places[it as usize]));
-                let specks = Vec::from_iter(found.iter().copied().filter(is_speck));
+                let specks: Vec<_> = found.iter().copied().filter(is_speck).collect();
                 if !specks.is_empty() {
                     return specks;
                 }
             }
             let corners = found.into_iter().flat_map(|face| faces[face]);
-            let mut corners = Vec::from_iter(corners.map(|it| places[it as usize]));
+            let mut corners: Vec<_> = corners.map(|it| places[it as usize]).collect();
             corners.retain(|&place| place != u32::MAX);
             corners.sort_unstable();
             corners.dedup();
@@ -150,8 +167,10 @@ impl Border {
 
     /// Whether the corners of a face, by their places, are all of a border but one at most: that around a triangle or two.
     fn is_speck(&self, corners: [u32; 3]) -> bool {
-        let next = |place: &u32| Some(self.beside.get(*place as usize)?[1]);
-        let border = std::iter::successors(Some(corners[0]), next).take(5);
+        let border = std::iter::successors(Some(corners[0]), |place| {
+            Some(self.beside.get(*place as usize)?[1])
+        })
+        .take(5);
         let border = Vec::from_iter(border);
         let end = border[1..].iter().position(|place| *place == border[0]);
         end.is_some() && corners.iter().all(|corner| border.contains(corner))

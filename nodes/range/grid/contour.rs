@@ -84,8 +84,9 @@ impl Borders {
     fn follow(&mut self, start: usize, background: usize) -> Vec<u32> {
         // Step 3.1: the cell before the start, clockwise from the background.
         let clockwise = (1..8).map(|turn| (background + 8 - turn) % 8);
-        let inside = |direction: &usize| self.marks[self.next(start, *direction)] != 0;
-        let Some(mut from) = { clockwise }.find(inside) else {
+        let Some(mut from) =
+            { clockwise }.find(|direction| self.marks[self.next(start, *direction)] != 0)
+        else {
             self.marks[start] = SEEN_RIGHT;
             return vec![self.unframed(start)];
         };
@@ -134,9 +135,13 @@ mod tests {
 
     /// Twice the area inside a chain of cells, seen with y up; negative if it runs clockwise.
     fn area(cells: &[u32], width: usize) -> i64 {
-        let at = |cell: u32| (i64::from(cell) % width as i64, -(i64::from(cell) / width as i64));
+        fn at(cell: u32, width: usize) -> (i64, i64) {
+            (i64::from(cell) % width as i64, -(i64::from(cell) / width as i64))
+        }
         let pairs = cells.iter().zip(cells.iter().cycle().skip(1));
-        pairs.map(|(&a, &b)| at(a).0 * at(b).1 - at(a).1 * at(b).0).sum()
+        pairs
+            .map(|(&a, &b)| at(a, width).0 * at(b, width).1 - at(a, width).1 * at(b, width).0)
+            .sum()
     }
 
     #[test]

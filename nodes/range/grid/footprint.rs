@@ -21,11 +21,12 @@ const HALF: f64 = 0.5 - 1e-9;
 /// outside. The labels must be those of the range image's picture.
 pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) -> Mask {
     let (width, height, map) = (range.width(), range.height(), range.registration());
-    let footprints = |axis: usize, cells: usize| -> Vec<Footprint> {
+    let [columns, rows] = [(0, width), (1, height)].map(|(axis, cells)| {
         let (scale, offset) = (map.scale[axis], map.offset[axis]);
-        (0..cells).map(|cell| Footprint::new(cell, scale, offset, map.picture[axis])).collect()
-    };
-    let (columns, rows) = (footprints(0, width), footprints(1, height));
+        Vec::from_iter(
+            (0..cells).map(|cell| Footprint::new(cell, scale, offset, map.picture[axis])),
+        )
+    });
     let part = Component::new(labels, number);
     let mut cells = vec![0; width * height];
     let strips = cells.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(16);
@@ -79,8 +80,12 @@ impl Footprint {
         let [low, high] = [low, high].map(|end| end.clamp(0.0, pixels as f64));
         let (first, last) =
             if low < high { (low.floor() as usize, high.ceil() as usize) } else { (0, 0) };
-        let weight = |pixel: usize| high.min((pixel + 1) as f64) - low.max(pixel as f64);
-        Self { first, weights: (first..last).map(weight).collect() }
+        Self {
+            first,
+            weights: (first..last)
+                .map(|pixel: usize| high.min((pixel + 1) as f64) - low.max(pixel as f64))
+                .collect(),
+        }
     }
 
     /// Whether it sees a pixel from `low` to `high`.
@@ -115,7 +120,9 @@ mod tests {
     #[test]
     fn between_pixels_the_middle_counts_half_and_its_neighbors_a_quarter() {
         // The second cell sees pixels 1 to 3, in columns and rows, with the weights 1/4, 1/2, 1/4.
-        let middle = |rows: &[&str]| &covered(rows, [2, 2], 2.0, 0.0)[4..5] == "#";
+        fn middle(rows: &[&str]) -> bool {
+            &covered(rows, [2, 2], 2.0, 0.0)[4..5] == "#"
+        }
         assert!(middle(&[".....", "..#..", "..#..", "..#..", "....."]));
         assert!(!middle(&[".....", "..#..", "..#..", ".....", "....."]));
         assert!(middle(&[".....", "..#..", ".##..", ".....", "....."]));

@@ -97,15 +97,18 @@ pub fn grid_triangles(
     keep: impl Fn(GridTriangle, [Point3<f64>; 3]) -> bool + Sync,
 ) -> Vec<GridTriangle> {
     assert_eq!(points.len(), width * height, "one point per cell");
-    let row = |row: usize| {
-        (row * width..(row + 1) * width - 1)
-            .flat_map(|quad| quad_triangles(width, points, quad, joined(quad)))
-            .filter(|triangle| keep(*triangle, triangle.cells(width).map(|cell| points[cell])))
-    };
     if width < 2 || height < 2 {
         return Vec::new();
     }
-    (0..height - 1).into_par_iter().with_min_len(32).flat_map_iter(row).collect()
+    (0..height - 1)
+        .into_par_iter()
+        .with_min_len(32)
+        .flat_map_iter(|row: usize| {
+            (row * width..(row + 1) * width - 1)
+                .flat_map(|quad| quad_triangles(width, points, quad, joined(quad)))
+                .filter(|triangle| keep(*triangle, triangle.cells(width).map(|cell| points[cell])))
+        })
+        .collect()
 }
 
 /// The triangles of the quad whose upper left cell is `quad`, not in the last column or row; `joined` is as it was divided before.
@@ -178,11 +181,15 @@ mod tests {
 
     /// Cells at whole x and y, with the depths given.
     fn grid(depths: [[f64; 2]; 2]) -> Vec<Point3<f64>> {
-        let point = |(index, z): (usize, f64)| match z.is_nan() {
-            true => Point3::new(f64::NAN, f64::NAN, f64::NAN),
-            false => Point3::new((index % 2) as f64, (index / 2) as f64, z),
-        };
-        depths.into_iter().flatten().enumerate().map(point).collect()
+        depths
+            .into_iter()
+            .flatten()
+            .enumerate()
+            .map(|(index, z): (usize, f64)| match z.is_nan() {
+                true => Point3::new(f64::NAN, f64::NAN, f64::NAN),
+                false => Point3::new((index % 2) as f64, (index / 2) as f64, z),
+            })
+            .collect()
     }
 
     fn halves_of(depths: [[f64; 2]; 2]) -> Vec<Half> {
@@ -239,7 +246,9 @@ mod tests {
 
     #[test]
     fn points_behind_the_origin_say_that_the_sensor_is_elsewhere() {
-        let rays = |z| Rays::of(&RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, z)]).unwrap());
+        fn rays(z: f64) -> Rays {
+            Rays::of(&RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, z)]).unwrap())
+        }
         assert_eq!(rays(5.0), Rays::FromOrigin);
         assert_eq!(rays(-5.0), Rays::AlongZ);
     }

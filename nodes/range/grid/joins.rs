@@ -137,11 +137,11 @@ mod tests {
 
     #[test]
     fn the_median_spacing_is_the_upper_of_the_middle_two() {
-        let spaced = |depths: &[f64]| {
-            let point = |(k, &z): (usize, &f64)| Point3::new(k as f64, 0.0, z);
-            let points = depths.iter().enumerate().map(point).collect();
+        fn spaced(depths: &[f64]) -> f64 {
+            let points =
+                depths.iter().enumerate().map(|(k, &z)| Point3::new(k as f64, 0.0, z)).collect();
             median_spacing_sq(&RangeImage::new(depths.len(), 1, points).unwrap())
-        };
+        }
         assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0]), 2.0);
         assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0, 13.0]), 10.0);
         assert_eq!(spaced(&[5.0, f64::NAN, 6.0]), 0.0);

@@ -13,11 +13,15 @@ use crate::grid::joins::{JUMP, longest_edge};
 /// that the scan surrounds.
 pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mask {
     let (width, height) = (region.width(), region.height());
-    let mask = |pixels| Mask::new(width, height, pixels).expect("one entry per cell");
-    let valid = |cell: usize| range.point(cell).is_some();
+    fn mask(pixels: Vec<u8>, width: usize, height: usize) -> Mask {
+        Mask::new(width, height, pixels).expect("one entry per cell")
+    }
+    fn valid(cell: usize, range: &RangeImage) -> bool {
+        range.point(cell).is_some()
+    }
     let inside = |cell: usize| region.pixels()[cell] == 1;
-    let invalid = (0..width * height).map(|cell| u8::from(inside(cell) && !valid(cell)));
-    let holes = label(&mask(invalid.collect()), Connectivity::Four);
+    let invalid = (0..width * height).map(|cell| u8::from(inside(cell) && !valid(cell, range)));
+    let holes = label(&mask(invalid.collect(), width, height), Connectivity::Four);
     let mut closed: Vec<bool> =
         holes.statistics().iter().map(|hole| fill && !hole.touches_border).collect();
     for (cell, &hole) in holes.pixels().iter().enumerate().filter(|(_, hole)| **hole != 0) {
@@ -33,7 +37,7 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         0 => inside(cell),
         hole => closed[hole as usize - 1] || in_shadow[cell],
     };
-    mask((0..width * height).map(|cell| u8::from(usable(cell))).collect())
+    mask((0..width * height).map(|cell| u8::from(usable(cell))).collect(), width, height)
 }
 
 /// The region with those parts of the rest that it surrounds and that lie on its surface: along most of their rim, neighbors on both sides

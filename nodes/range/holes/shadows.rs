@@ -66,22 +66,25 @@ pub fn fill_shadows(
         .into_iter()
         .filter(|it| wanted(it))
         .collect();
-    let sorted = |shadows: &[Vec<u32>]| {
+    fn sorted(shadows: &[Vec<u32>]) -> Vec<u32> {
         let mut cells = shadows.concat();
         cells.sort_unstable();
         cells
-    };
+    }
     fill(width, &sorted(&wanted), points, progress)?;
-    let fits = |cells: &Vec<u32>| {
-        let edge = |(cell, other): (u32, usize)| (points[cell as usize] - points[other]).norm();
-        let edges = cells.iter().flat_map(|&cell| {
-            let at = cell as usize;
-            [at - width, at - 1, at + 1, at + width].map(|other| (cell, other))
-        });
-        // A part that nothing holds has no edges.
-        edges.map(edge).all(|edge| edge <= longest)
-    };
-    let fits = Vec::from_iter(wanted.iter().map(fits));
+    let fits: Vec<_> = wanted
+        .iter()
+        .map(|cells| {
+            let edges = cells.iter().flat_map(|&cell| {
+                let at = cell as usize;
+                [at - width, at - 1, at + 1, at + width].map(|other| (cell, other))
+            });
+            // A part that nothing holds has no edges.
+            edges
+                .map(|(cell, other): (u32, usize)| (points[cell as usize] - points[other]).norm())
+                .all(|edge| edge <= longest)
+        })
+        .collect();
     for cells in wanted.iter().zip(&fits).filter(|(_, fits)| !**fits).map(|(cells, _)| cells) {
         cells.iter().for_each(|&cell| points[cell as usize] = Point3::from([f64::NAN; 3]));
     }
@@ -110,11 +113,13 @@ fn fill(
     }
     let terms = terms(width, cells, points);
     let groups = groups(cells, &terms);
-    let solve = |(cells, terms): &(Vec<u32>, Vec<Term>)| {
-        progress.check()?;
-        solve(cells, terms, points, progress)
-    };
-    let solved = groups.par_iter().map(solve).collect::<Result<Vec<_>, Cancelled>>()?;
+    let solved = groups
+        .par_iter()
+        .map(|(cells, terms)| {
+            progress.check()?;
+            solve(cells, terms, points, progress)
+        })
+        .collect::<Result<Vec<_>, Cancelled>>()?;
     for (cell, point) in solved.into_iter().flatten() {
         points[cell as usize] = point;
     }
@@ -142,24 +147,30 @@ const DIFFERENCES: [Difference; 5] = [
 /// Bending and stretching wherever `cells` have a share; other cells without a point have none.
 fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     let height = points.len() / width;
-    let is_free = |cell: u32| cells.binary_search(&cell).is_ok();
-    let known = |cell: u32| !points[cell as usize].x.is_nan() || is_free(cell);
+    fn is_free(cell: u32, cells: &[u32]) -> bool {
+        cells.binary_search(&cell).is_ok()
+    }
+    fn known(cell: u32, points: &[Point3<f64>], cells: &[u32]) -> bool {
+        !points[cell as usize].x.is_nan() || is_free(cell, cells)
+    }
     let mut terms = Vec::new();
     for &cell in cells {
         let at = [i64::from(cell) % width as i64, i64::from(cell) / width as i64];
         for (weight, steps) in DIFFERENCES {
             // Once for each place of the free cell in the difference, unless an earlier part is free: then that one has made it.
             for own in 0..steps.len() {
-                let part = |&(step, factor): &([i64; 2], f64)| {
-                    let [column, row] = [0, 1].map(|k| at[k] + step[k] - steps[own].0[k]);
-                    let inside =
-                        (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
-                    let cell = (row * width as i64 + column) as u32;
-                    (inside && known(cell)).then_some((cell, factor))
-                };
-                let parts: Option<Vec<(u32, f64)>> = steps.iter().map(part).collect();
+                let parts: Option<Vec<(u32, f64)>> = steps
+                    .iter()
+                    .map(|&(step, factor)| {
+                        let [column, row] = [0, 1].map(|k| at[k] + step[k] - steps[own].0[k]);
+                        let inside = (0..width as i64).contains(&column)
+                            && (0..height as i64).contains(&row);
+                        let cell = (row * width as i64 + column) as u32;
+                        (inside && known(cell, points, cells)).then_some((cell, factor))
+                    })
+                    .collect();
                 let Some(parts) = parts else { continue };
-                if !parts[..own].iter().any(|&(cell, _)| is_free(cell)) {
+                if !parts[..own].iter().any(|&(cell, _)| is_free(cell, cells)) {
                     terms.push(Term { weight, parts });
                 }
             }
@@ -170,7 +181,9 @@ fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
 
 /// Cells that no term connects, apart from each other, with the terms of each group.
 fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
-    let index = |cell: u32| cells.binary_search(&cell).ok();
+    fn index(cell: u32, cells: &[u32]) -> Option<usize> {
+        cells.binary_search(&cell).ok()
+    }
     let mut leaders: Vec<usize> = (0..cells.len()).collect();
     fn leader(leaders: &mut [usize], mut of: usize) -> usize {
         while leaders[of] != of {
@@ -179,9 +192,11 @@ fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
         }
         of
     }
-    let free = |term: &Term| Vec::from_iter(term.parts.iter().filter_map(|&(cell, _)| index(cell)));
+    fn free(term: &Term, cells: &[u32]) -> Vec<usize> {
+        term.parts.iter().filter_map(|&(cell, _)| index(cell, cells)).collect::<Vec<_>>()
+    }
     for term in terms {
-        let free = free(term);
+        let free = free(term, cells);
         for pair in free.windows(2) {
             let [a, b] = [pair[0], pair[1]].map(|of| leader(&mut leaders, of));
             leaders[a.max(b)] = a.min(b);
@@ -198,7 +213,7 @@ fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
         groups[places[leader]].0.push(cell);
     }
     for term in terms {
-        let first = free(term)[0];
+        let first = free(term, cells)[0];
         let group = places[leader(&mut leaders, first)];
         groups[group].1.push(Term { weight: term.weight, parts: term.parts.clone() });
     }
@@ -212,19 +227,22 @@ fn solve(
     points: &[Point3<f64>],
     progress: &Progress<'_>,
 ) -> Result<Vec<(u32, Point3<f64>)>, Cancelled> {
-    let index = |cell: u32| cells.binary_search(&cell).ok();
+    fn index(cell: u32, cells: &[u32]) -> Option<usize> {
+        cells.binary_search(&cell).ok()
+    }
     // Relative to a point of the rim: far from the origin, digits would be lost.
-    let rim = terms.iter().flat_map(|term| &term.parts).find(|(cell, _)| index(*cell).is_none());
+    let rim =
+        terms.iter().flat_map(|term| &term.parts).find(|(cell, _)| index(*cell, cells).is_none());
     let Some(&(origin, _)) = rim else { return Ok(Vec::new()) };
     let origin = points[origin as usize];
     let mut rows = vec![std::collections::BTreeMap::<u32, f64>::new(); cells.len()];
     let mut right = vec![[0.0; 3]; cells.len()];
     for Term { weight, parts } in terms {
         for &(cell, factor) in parts {
-            let Some(row) = index(cell) else { continue };
+            let Some(row) = index(cell, cells) else { continue };
             for &(other, times) in parts {
                 let share = weight * factor * times;
-                match index(other) {
+                match index(other, cells) {
                     Some(column) => *rows[row].entry(column as u32).or_default() += share,
                     None => {
                         let point = points[other as usize] - origin;
@@ -245,8 +263,11 @@ fn solve(
         return Ok(Vec::new());
     };
     factors.solve(&mut right);
-    let point = |(&cell, x): (&u32, [f64; 3])| (cell, origin + nalgebra::Vector3::from(x));
-    Ok(cells.iter().zip(right).map(point).collect())
+    Ok(cells
+        .iter()
+        .zip(right)
+        .map(|(&cell, x): (&u32, [f64; 3])| (cell, origin + nalgebra::Vector3::from(x)))
+        .collect())
 }
 
 #[cfg(test)]
@@ -258,11 +279,12 @@ mod tests {
     fn drawn(rows: &[&str], point: impl Fn(f64, f64) -> Point3<f64>) -> Vec<Point3<f64>> {
         let width = rows[0].len();
         let cells = rows.iter().flat_map(|row| row.bytes()).enumerate();
-        let at = |(cell, mark): (usize, u8)| match mark {
-            b'#' => point((cell % width) as f64, (cell / width) as f64),
-            _ => NONE,
-        };
-        cells.map(at).collect()
+        cells
+            .map(|(cell, mark): (usize, u8)| match mark {
+                b'#' => point((cell % width) as f64, (cell / width) as f64),
+                _ => NONE,
+            })
+            .collect()
     }
 
     fn filled(rows: &[&str], point: impl Fn(f64, f64) -> Point3<f64>) -> Vec<Point3<f64>> {
@@ -281,7 +303,9 @@ mod tests {
     #[test]
     fn a_plane_goes_on_as_itself() {
         let rows = ["#######", "#..#.##", "#...###", "####.##", "#######"];
-        let plane = |x: f64, y: f64| Point3::new(0.5 * x + 1e6, 0.5 * y, 700.0 + 3.0 * x - y);
+        fn plane(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(0.5 * x + 1e6, 0.5 * y, 700.0 + 3.0 * x - y)
+        }
         for (cell, point) in filled(&rows, plane).iter().enumerate() {
             assert!((point - plane((cell % 7) as f64, (cell / 7) as f64)).norm() < 1e-8, "{cell}");
         }
@@ -297,13 +321,15 @@ mod tests {
             })
             .collect();
         let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
-        let ball = |x: f64, y: f64| {
+        fn ball(x: f64, y: f64) -> Point3<f64> {
             let [x, y] = [x - 10.0, y - 10.0];
             Point3::new(x, y, 520.0 - (400.0 - x * x - y * y).sqrt())
-        };
+        }
         let points = filled(&rows, ball);
-        let off = |cell: usize| points[cell].z - ball((cell % 21) as f64, (cell / 21) as f64).z;
-        let farthest = (0..21 * 21).map(|cell| off(cell).abs()).fold(0.0, f64::max);
+        fn off(cell: usize, points: &[Point3<f64>]) -> f64 {
+            points[cell].z - ball((cell % 21) as f64, (cell / 21) as f64).z
+        }
+        let farthest = (0..21 * 21).map(|cell| off(cell, &points).abs()).fold(0.0, f64::max);
         // A flat lid would be off by 0.27, a membrane by 0.23.
         assert!(0.0 < farthest && farthest < 0.06, "{farthest}");
     }
@@ -318,8 +344,9 @@ mod tests {
     #[test]
     fn a_gap_to_what_is_behind_stays_open() {
         let rows = ["######", "#....#", "######", "##..##", "######"];
-        let near = |x: f64, y: f64| Point3::new(x, y, if y > 2.5 { 500.0 } else { 300.0 * x });
-        let mut points = drawn(&rows, near);
+        let mut points = drawn(&rows, |x: f64, y: f64| {
+            Point3::new(x, y, if y > 2.5 { 500.0 } else { 300.0 * x })
+        });
         let filled = fill_shadows(6, &mut points, 100.0, |_| true, &Progress::none());
         assert_eq!(filled, Ok(vec![]));
         let mut points =

@@ -85,7 +85,7 @@ impl<'a> Cut<'a> {
 
     /// The sides of what stays of a triangle, which lies to their left: parts of its edges, and lines in which others cross it.
     fn sides(&self, triangle: usize, lines: impl Iterator<Item = [u32; 2]>) -> Vec<[u32; 2]> {
-        let mut sides = Vec::from_iter(lines.map(|ends| ends.map(|it| it + self.behind())));
+        let mut sides: Vec<_> = lines.map(|ends| ends.map(|it| it + self.behind())).collect();
         let vertices = self.pair.triangles[triangle].vertices;
         sides.extend((0..3).flat_map(|k| self.kept([vertices[k], vertices[(k + 1) % 3]])));
         sides
@@ -103,8 +103,7 @@ impl<'a> Cut<'a> {
         let own = self.pair.triangles[triangle].vertices;
         let [a, b, c] = own.map(|vertex| self.position(vertex));
         let normal = (b - a).cross(&(c - a));
-        let place = |vertex: u32| flat(self.position(vertex), normal);
-        let found = triangulate(&loops(sides), place);
+        let found = triangulate(&loops(sides), |vertex: u32| flat(self.position(vertex), normal));
         self.pieces.extend(found.into_iter().map(|[a, b, c]| Piece {
             triangle: triangle as u32,
             vertices: if is_turned { [a, c, b] } else { [a, b, c] },
@@ -219,15 +218,17 @@ impl<'a> Cut<'a> {
         // Vertices in their order, without those that no face needs.
         let mut places = vec![u32::MAX; count];
         corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
-        let kept = Vec::from_iter((0..count as u32).filter(|&it| places[it as usize] == 0));
+        let kept: Vec<_> = (0..count as u32).filter(|&it| places[it as usize] == 0).collect();
         (0..).zip(&kept).for_each(|(place, &vertex)| places[vertex as usize] = place);
         let numbers = corners.iter().map(|corner| places[corner.0 as usize]).collect();
-        let positions = Vec::from_iter(kept.iter().map(|&vertex| self.position(vertex)));
+        let positions: Vec<_> = kept.iter().map(|&vertex| self.position(vertex)).collect();
         let mut mesh = Mesh::new(positions, Faces::polygons(&sides, numbers)?)?
             .with_creases(self.creases(&places))?
             .with_materials(of.materials().clone())
             .with_frame(of.frame().copied());
-        let is_kept = |name: &str| name != "normal";
+        fn is_kept(name: &str) -> bool {
+            name != "normal"
+        }
         if of.vertex().iter().any(|(name, _)| is_kept(name)) {
             let mixed = rows(kept.iter(), |&vertex, row| self.shares(vertex, 1.0, row));
             for (name, attribute) in of.vertex().iter().filter(|it| is_kept(it.0)) {
@@ -288,8 +289,10 @@ fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>))
 /// How much of each corner of a triangle is in a place on it.
 fn within([a, b, c]: [Point3<f64>; 3], at: Point3<f64>) -> [f64; 3] {
     let normal: Vector3<f64> = (b - a).cross(&(c - a));
-    let area = |p: Point3<f64>, q: Point3<f64>| (p - at).cross(&(q - at)).dot(&normal).max(0.0);
-    let areas = [area(b, c), area(c, a), area(a, b)];
+    fn area(p: Point3<f64>, q: Point3<f64>, at: Point3<f64>, normal: Vector3<f64>) -> f64 {
+        (p - at).cross(&(q - at)).dot(&normal).max(0.0)
+    }
+    let areas = [area(b, c, at, normal), area(c, a, at, normal), area(a, b, at, normal)];
     let sum: f64 = areas.iter().sum();
     if sum > 0.0 { areas.map(|it| it / sum) } else { [1.0, 0.0, 0.0] }
 }

@@ -135,25 +135,36 @@ pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering
 fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
     let base = rows(sites, |site| site.at);
     let motion = rows(sites, |site| site.moves.unwrap_or_default());
-    let does_move = |k: usize| i64::from(sites[k].moves.is_some());
+    fn does_move(k: usize, sites: &[&Site; 4]) -> i64 {
+        i64::from(sites[k].moves.is_some())
+    }
     let mut terms = [[0; 4]; 4];
-    let mut add = |power: usize, base: [Row; 3], fixed: Option<usize>| {
+    fn add(
+        power: usize,
+        base: [Row; 3],
+        fixed: Option<usize>,
+        motion: &[[i64; 3]; 3],
+        terms: &mut [[i128; 4]; 4],
+    ) {
         for choice in 0..8u8 {
-            let is_moved = |row: usize| choice >> row & 1 == 1;
-            if fixed.is_none_or(|row| !is_moved(row)) {
-                let own = [0, 1, 2].map(|row| if is_moved(row) { motion[row] } else { base[row] });
+            fn is_moved(row: usize, choice: u8) -> bool {
+                choice >> row & 1 == 1
+            }
+            if fixed.is_none_or(|row| !is_moved(row, choice)) {
+                let own = [0, 1, 2]
+                    .map(|row| if is_moved(row, choice) { motion[row] } else { base[row] });
                 terms[power][choice.count_ones() as usize] += determinant(own);
             }
         }
-    };
-    add(0, base, None);
+    }
+    add(0, base, None, &motion, &mut terms);
     // All that moves is shifted alike, so that of products of two shifts nothing is left.
     for axis in 0..3 {
         for row in 0..3 {
             let mut own = base;
             own[row] = [0; 3];
-            own[row][axis] = does_move(row + 1) - does_move(0);
-            add(axis + 1, own, Some(row));
+            own[row][axis] = does_move(row + 1, &sites) - does_move(0, &sites);
+            add(axis + 1, own, Some(row), &motion, &mut terms);
         }
     }
     terms
@@ -168,9 +179,11 @@ fn rows(sites: [&Site; 4], of: impl Fn(&Site) -> Row) -> [Row; 3] {
 }
 
 fn determinant([u, v, w]: [Row; 3]) -> i128 {
-    let minor = |a: usize, b: usize| i128::from(v[a] * w[b] - v[b] * w[a]);
+    fn minor(a: usize, b: usize, v: &[i64; 3], w: &[i64; 3]) -> i128 {
+        i128::from(v[a] * w[b] - v[b] * w[a])
+    }
     let [x, y, z] = u.map(i128::from);
-    x * minor(1, 2) + y * minor(2, 0) + z * minor(0, 1)
+    x * minor(1, 2, &v, &w) + y * minor(2, 0, &v, &w) + z * minor(0, 1, &v, &w)
 }
 
 #[cfg(test)]
@@ -211,7 +224,9 @@ mod tests {
 
     #[test]
     fn the_largest_differences_fit() {
-        let corner = |x: f64, y: f64, z: f64| grid().fixed(&Point3::new(x, y, z));
+        fn corner(x: f64, y: f64, z: f64) -> Site {
+            grid().fixed(&Point3::new(x, y, z))
+        }
         let sites =
             [corner(-1., -1., -1.), corner(1., 1., -1.), corner(1., -1., 1.), corner(-1., 1., 1.)];
         let volume = height([&sites[0], &sites[1], &sites[2], &sites[3]]);

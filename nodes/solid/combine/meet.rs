@@ -103,11 +103,17 @@ impl<'a> Pair<'a> {
             Grid::new(mesh.bounds().map_or([Point3::origin(); 2], |(low, high)| [low, high]));
         let sign = if grows { 1.0 } else { -1.0 };
         let normals = mesh.vertex_normals();
-        let site = |vertex: usize| {
-            let at = &mesh.positions()[vertex];
-            if vertex < second.0 { grid.fixed(at) } else { grid.moving(at, normals[vertex] * sign) }
-        };
-        let sites = (0..mesh.positions().len()).into_par_iter().map(site).collect();
+        let sites = (0..mesh.positions().len())
+            .into_par_iter()
+            .map(|vertex: usize| {
+                let at = &mesh.positions()[vertex];
+                if vertex < second.0 {
+                    grid.fixed(at)
+                } else {
+                    grid.moving(at, normals[vertex] * sign)
+                }
+            })
+            .collect();
         Self { mesh, triangles, second: (start, second.0), sites, tolerance: grid.tolerance() }
     }
 
@@ -138,43 +144,45 @@ impl<'a> Pair<'a> {
         });
         let whole = all.each_ref().map(|own| own.iter().map(|it| it.1).reduce(|a, b| a.join(&b)));
         let [Some(first), Some(second)] = whole else { return Ok(self.gathered(&[])) };
-        let near = |own: &[(u32, Bounds)], other: &Bounds| {
-            Vec::from_iter(own.iter().filter(|it| it.1.overlaps(other)).copied())
-        };
+        fn near(own: &[(u32, Bounds)], other: &Bounds) -> Vec<(u32, Bounds)> {
+            own.iter().filter(|it| it.1.overlaps(other)).copied().collect::<Vec<_>>()
+        }
         let [first, second] = [near(&all[0], &second), near(&all[1], &first)];
         progress.tick(0.1)?;
         let boxes = BoxTree::new(second.iter().map(|it| it.1));
         progress.tick(0.2)?;
-        let of_chunk = |chunk: &[(u32, Bounds)]| {
-            progress.check()?;
-            let mut found = Vec::new();
-            for &(triangle, bounds) in chunk {
-                boxes.near(&bounds, |other| {
-                    let pair = [triangle, second[other as usize].0];
-                    found.extend(self.cross(pair).map(|ends| (pair, ends)));
-                });
-            }
-            Ok(found)
-        };
-        let found: Vec<Vec<_>> =
-            first.par_chunks(CHUNK).map(of_chunk).collect::<Result<_, Cancelled>>()?;
+        let found: Vec<Vec<_>> = first
+            .par_chunks(CHUNK)
+            .map(|chunk| {
+                progress.check()?;
+                let mut found = Vec::new();
+                for &(triangle, bounds) in chunk {
+                    boxes.near(&bounds, |other| {
+                        let pair = [triangle, second[other as usize].0];
+                        found.extend(self.cross(pair).map(|ends| (pair, ends)));
+                    });
+                }
+                Ok(found)
+            })
+            .collect::<Result<_, Cancelled>>()?;
         Ok(self.gathered(&found.concat()))
     }
 
     fn gathered(&self, found: &[([u32; 2], [Meeting; 2])]) -> Meet {
-        let key = |it: &Meeting| (it.edge, it.triangle);
-        let mut meetings = Vec::from_iter(found.iter().flat_map(|it| it.1));
+        fn key(it: &Meeting) -> ([u32; 2], u32) {
+            (it.edge, it.triangle)
+        }
+        let mut meetings: Vec<_> = found.iter().flat_map(|it| it.1).collect();
         meetings.sort_unstable_by_key(key);
         meetings.dedup_by_key(|it| key(it));
-        let number = |it: &Meeting| {
-            meetings.binary_search_by_key(&key(it), key).expect("all are there") as u32
-        };
         let segments = found.iter().map(|(triangles, ends)| Segment {
             triangles: *triangles,
-            ends: ends.each_ref().map(number),
+            ends: ends.each_ref().map(|it| {
+                meetings.binary_search_by_key(&key(it), key).expect("all are there") as u32
+            }),
         });
         let segments = segments.collect();
-        let mut along = Vec::from_iter(0..meetings.len() as u32);
+        let mut along: Vec<_> = (0..meetings.len() as u32).collect();
         for own in
             along.chunk_by_mut(|&a, &b| meetings[a as usize].edge == meetings[b as usize].edge)
         {
@@ -195,14 +203,14 @@ impl<'a> Pair<'a> {
     /// Where the line begins and ends in which two triangles cross.
     fn cross(&self, [a, b]: [u32; 2]) -> Option<[Meeting; 2]> {
         let [first, second] = [a, b].map(|it| self.sites_of(it));
-        let heights = |of: [&Site; 3], over: [&Site; 3]| {
+        fn heights(of: [&Site; 3], over: [&Site; 3]) -> [Leading; 3] {
             of.map(|site| height([over[0], over[1], over[2], site]))
-        };
+        }
         // Over a triangle that is a line there is no height.
-        let is_apart = |heights: &[Leading; 3]| {
+        fn is_apart(heights: &[Leading; 3]) -> bool {
             heights.iter().all(|it| it.is_above() == heights[0].is_above())
                 && heights.iter().any(|it| !it.is_zero())
-        };
+        }
         let above_second = heights(first, second);
         if is_apart(&above_second) {
             return None;
@@ -211,7 +219,9 @@ impl<'a> Pair<'a> {
         if is_apart(&above_first) {
             return None;
         }
-        let next = |k: usize| (k + 1) % 3;
+        fn next(k: usize) -> usize {
+            (k + 1) % 3
+        }
         // How each edge of one goes past each edge of the other.
         let past = [0, 1, 2].map(|k| {
             [0, 1, 2]
@@ -274,13 +284,18 @@ impl<'a> Pair<'a> {
         for own in meet.meetings.chunk_by(|a, b| a.edge == b.edge) {
             let [low, high] = own[0].edge;
             let along = meet.along([low, high]);
-            let enters = |k: u32| meet.meetings[k as usize].enters;
-            if along.windows(2).any(|it| enters(it[0]) == enters(it[1])) {
+            fn enters(k: u32, meet_meetings: &[Meeting]) -> bool {
+                meet_meetings[k as usize].enters
+            }
+            if along
+                .windows(2)
+                .any(|it| enters(it[0], &meet.meetings) == enters(it[1], &meet.meetings))
+            {
                 let at = self.mesh.positions()[low as usize];
                 return Err(NoSolid::Crossing(1 - self.solid_of(low), at));
             }
-            tell(low, !enters(along[0]))?;
-            tell(high, enters(along[along.len() - 1]))?;
+            tell(low, !enters(along[0], &meet.meetings))?;
+            tell(high, enters(along[along.len() - 1], &meet.meetings))?;
         }
         // What hangs together is asked once: skins that touch themselves may have grown into each other, where meetings alone are no proof.
         let mut parts = UnionFind::new(self.sites.len());
@@ -310,8 +325,9 @@ impl<'a> Pair<'a> {
             }
             known[set] = Some(is_inside);
         }
-        let of = |vertex: u32| known[sets.first(vertex) as usize].unwrap_or(false);
-        Ok((0..self.sites.len() as u32).map(of).collect())
+        Ok((0..self.sites.len() as u32)
+            .map(|vertex: u32| known[sets.first(vertex) as usize].unwrap_or(false))
+            .collect())
     }
 
     /// How often the other solid winds around a vertex: what a ray along x leaves more often than it enters.

@@ -7,13 +7,18 @@ use super::*;
 
 /// A box of quads with its lowest corner in a place.
 fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
-    let at = |k: usize| {
-        Point3::from([0, 1, 2].map(|axis| low[axis] + size[axis] * (k >> axis & 1) as f64))
-    };
     let faces =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
-    Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap()
+    Mesh::new(
+        (0..8)
+            .map(|k: usize| {
+                Point3::from([0, 1, 2].map(|axis| low[axis] + size[axis] * (k >> axis & 1) as f64))
+            })
+            .collect::<Vec<_>>(),
+        faces,
+    )
+    .unwrap()
 }
 
 fn cube(low: [f64; 3]) -> Mesh {
@@ -23,20 +28,25 @@ fn cube(low: [f64; 3]) -> Mesh {
 /// A ball of triangles: an octahedron of which each face is cut into `steps` squared.
 fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
     let octant = |signs: u32, i: u32, j: u32| {
-        let sign = |axis: u32| if signs >> axis & 1 == 1 { -1.0 } else { 1.0 };
+        fn sign(axis: u32, signs: u32) -> f64 {
+            if signs >> axis & 1 == 1 { -1.0 } else { 1.0 }
+        }
         let k = steps - i - j;
-        let at =
-            Vector3::new(f64::from(i) * sign(0), f64::from(j) * sign(1), f64::from(k) * sign(2));
+        let at = Vector3::new(
+            f64::from(i) * sign(0, signs),
+            f64::from(j) * sign(1, signs),
+            f64::from(k) * sign(2, signs),
+        );
         Point3::from(Vector3::from(middle) + at.normalize() * radius)
     };
     let (mut places, mut corners) = (Vec::<Point3<f64>>::new(), Vec::new());
-    let mut number = |at: Point3<f64>| {
+    fn number(at: Point3<f64>, places: &mut Vec<Point3<f64>>, radius: f64) -> u32 {
         let known = places.iter().position(|it| (it - at).norm() < 1e-9 * radius);
         known.unwrap_or_else(|| {
             places.push(at);
             places.len() - 1
         }) as u32
-    };
+    }
     for signs in 0..8u32 {
         for i in 0..steps {
             for j in 0..steps - i {
@@ -44,7 +54,8 @@ fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
                 let upper = [(i + 1, j), (i + 1, j + 1), (i, j + 1)];
                 let both = [Some(lower), (i + j + 1 < steps).then_some(upper)];
                 for triangle in both.into_iter().flatten() {
-                    let mut own = triangle.map(|(i, j)| number(octant(signs, i, j)));
+                    let mut own =
+                        triangle.map(|(i, j)| number(octant(signs, i, j), &mut places, radius));
                     if signs.count_ones() % 2 == 1 {
                         own.reverse();
                     }
@@ -86,7 +97,7 @@ fn made(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
         first.bounds(),
         second.bounds(),
         made.positions(),
-        Vec::from_iter(made.faces().iter())
+        made.faces().iter().collect::<Vec<_>>()
     );
     (size(&made), made)
 }
@@ -108,9 +119,9 @@ fn check(first: &Mesh, second: &Mesh, common: f64) {
                 (found - wanted).abs() <= most,
                 "{how:?}: {found}, not {wanted}: {:?} {:?} {:?} {:?}",
                 a.positions(),
-                Vec::from_iter(a.faces().iter()),
+                a.faces().iter().collect::<Vec<_>>(),
                 b.positions(),
-                Vec::from_iter(b.faces().iter())
+                b.faces().iter().collect::<Vec<_>>()
             );
         }
     }
@@ -183,37 +194,37 @@ fn balls_of_many_sizes_and_places() {
 fn random_solids_that_share_corners_of_a_coarse_grid() {
     // Everything lies on whole numbers, so that nearly all pairs have edges and walls in common.
     let mut state = 7u32;
-    let mut next = |below: u32| {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        f64::from((state >> 16) % below)
-    };
+    fn next(below: u32, state: &mut u32) -> f64 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from((*state >> 16) % below)
+    }
     // How large the skin is of what unit cells an operation leaves.
-    let skin = |boxes: [([f64; 3], [f64; 3]); 2], how: Operation| {
-        let is_in = |at: [f64; 3]| {
+    fn skin(boxes: [([f64; 3], [f64; 3]); 2], how: Operation) -> f64 {
+        fn is_in(at: [f64; 3], boxes: &[([f64; 3], [f64; 3]); 2], how: &Operation) -> bool {
             let [a, b] = boxes
                 .map(|(low, size)| (0..3).all(|k| low[k] <= at[k] && at[k] < low[k] + size[k]));
-            match how {
+            match *how {
                 Operation::Union => a || b,
                 Operation::Difference => a && !b,
                 Operation::Intersection => a && b,
             }
-        };
+        }
         let cells = (0..512).map(|k| [k % 8, k / 8 % 8, k / 64].map(|k| f64::from(k) - 0.5));
         let sides = cells.flat_map(|cell| [0, 1, 2].map(|axis| (cell, axis)));
         let between = sides.filter(|&(cell, axis)| {
             let mut other = cell;
             other[axis] += 1.0;
-            is_in(cell) != is_in(other)
+            is_in(cell, &boxes, &how) != is_in(other, &boxes, &how)
         });
         between.count() as f64
-    };
+    }
     for _ in 0..300 {
-        let mut solid = || {
-            let low = [next(4), next(4), next(4)];
-            let size = [1.0 + next(3), 1.0 + next(3), 1.0 + next(3)];
+        fn solid(state: &mut u32) -> (Mesh, [f64; 3], [f64; 3]) {
+            let low = [next(4, state), next(4, state), next(4, state)];
+            let size = [1.0 + next(3, state), 1.0 + next(3, state), 1.0 + next(3, state)];
             (cuboid(low, size), low, size)
-        };
-        let [(a, low, size_a), (b, other, size_b)] = [solid(), solid()];
+        }
+        let [(a, low, size_a), (b, other, size_b)] = [solid(&mut state), solid(&mut state)];
         let common = [0, 1, 2].map(|k| {
             let high = (low[k] + size_a[k]).min(other[k] + size_b[k]);
             f64::max(high - low[k].max(other[k]), 0.0)
@@ -229,7 +240,7 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
             );
         }
         // What came out of one goes into the next.
-        let (c, ..) = solid();
+        let (c, ..) = solid(&mut state);
         let union = made(&a, &b, Operation::Union).1;
         let with = made(&union, &c, Operation::Intersection).0;
         check(&union, &c, with);
@@ -248,17 +259,25 @@ fn what_comes_out_does_not_run_through_itself() {
 
 #[test]
 fn faces_away_from_the_cut_stay_and_attributes_are_mixed() {
-    let heights = |mesh: &Mesh| Attribute::Number(mesh.positions().iter().map(|it| it.z).collect());
-    let corners = |mesh: &Mesh| {
-        let at = |&it: &u32| mesh.positions()[it as usize];
-        Attribute::Pair(mesh.faces().corners().iter().map(at).map(|it| [it.x, it.y]).collect())
-    };
-    let with = |mesh: Mesh, part: u32| {
+    fn heights(mesh: &Mesh) -> Attribute {
+        Attribute::Number(mesh.positions().iter().map(|it| it.z).collect())
+    }
+    fn corners(mesh: &Mesh) -> Attribute {
+        Attribute::Pair(
+            mesh.faces()
+                .corners()
+                .iter()
+                .map(|&it| mesh.positions()[it as usize])
+                .map(|it| [it.x, it.y])
+                .collect(),
+        )
+    }
+    fn with(mesh: Mesh, part: u32) -> Mesh {
         let (heights, corners) = (heights(&mesh), corners(&mesh));
         let parts = Attribute::Index(vec![part; mesh.faces().len()].into());
         let mesh = mesh.with_vertex("height", heights).unwrap().with_corner("at", corners).unwrap();
         mesh.with_face("part", parts).unwrap().with_creases([([0, 1], 3.0)]).unwrap()
-    };
+    }
     let first = with(cube([0.; 3]), 1);
     let second = with(cuboid([4., -1., 5.], [3., 3., 9.]), 2);
     let union = made(&first, &second, Operation::Union).1;
@@ -291,9 +310,9 @@ fn what_one_solid_alone_has_lies_on_both() {
 
 #[test]
 fn what_is_no_solid_is_told() {
-    let told = |first: &Mesh, others: &[&Mesh]| {
+    fn told(first: &Mesh, others: &[&Mesh]) -> String {
         boolean(first, others, Operation::Union, &Progress::none()).unwrap_err().to_string()
-    };
+    }
     let solid = cube([0.; 3]);
     let open = Faces::uniform(4, solid.faces().corners()[..20].to_vec()).unwrap();
     let open = Mesh::new(solid.positions().clone(), open).unwrap();
@@ -314,11 +333,11 @@ fn what_is_no_solid_is_told() {
 #[test]
 fn the_same_for_any_number_of_threads() {
     let [first, second] = [ball([0.; 3], 10.0, 30), ball([3., 1., 2.], 9.0, 30)];
-    let of = |threads: usize| {
+    fn of(threads: usize, first: &Mesh, second: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| made(&first, &second, Operation::Difference).1)
-    };
-    assert_eq!(of(1), of(8));
+        pool.install(|| made(first, second, Operation::Difference).1)
+    }
+    assert_eq!(of(1, &first, &second), of(8, &first, &second));
 }
 
 #[test]
@@ -326,12 +345,14 @@ fn a_captured_solid_stays_upright_beside_one_of_no_capture() {
     let frame =
         CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
     let (first, second) = (cube([0.0; 3]), cube([5.0; 3]));
-    let captured = |mesh: &Mesh| mesh.clone().with_frame(Some(frame));
-    let frame_of = |mesh: &Mesh, other: &Mesh| {
+    fn captured(mesh: &Mesh, frame: &CaptureFrame) -> Mesh {
+        mesh.clone().with_frame(Some(*frame))
+    }
+    fn frame_of(mesh: &Mesh, other: &Mesh) -> Option<CaptureFrame> {
         let made = boolean(mesh, &[other], Operation::Difference, &Progress::none()).unwrap();
         made.frame().copied()
-    };
-    assert_eq!(frame_of(&captured(&first), &second), Some(frame));
-    assert_eq!(frame_of(&captured(&first), &captured(&second)), Some(frame));
-    assert_eq!(frame_of(&first, &captured(&second)), None);
+    }
+    assert_eq!(frame_of(&captured(&first, &frame), &second), Some(frame));
+    assert_eq!(frame_of(&captured(&first, &frame), &captured(&second, &frame)), Some(frame));
+    assert_eq!(frame_of(&first, &captured(&second, &frame)), None);
 }

@@ -38,13 +38,17 @@ pub(super) fn weld(cut: &mut Cut<'_>) {
 
 /// Whether there is anything to take out: edges that are short, triangles that are thin, and more than two half-edges between the same vertices.
 fn needs(cut: &Cut<'_>) -> bool {
-    let is_thin = |piece: &Piece| height(cut, piece.vertices) <= cut.tolerance();
-    let mut edges = Vec::from_iter(cut.pieces.iter().flat_map(|piece| {
-        let [a, b, c] = piece.vertices;
-        [[a.min(b), a.max(b)], [b.min(c), b.max(c)], [c.min(a), c.max(a)]]
-    }));
+    let mut edges: Vec<_> = cut
+        .pieces
+        .iter()
+        .flat_map(|piece| {
+            let [a, b, c] = piece.vertices;
+            [[a.min(b), a.max(b)], [b.min(c), b.max(c)], [c.min(a), c.max(a)]]
+        })
+        .collect();
     edges.sort_unstable();
-    edges.chunk_by(|a, b| a == b).any(|same| 2 < same.len()) || cut.pieces.iter().any(is_thin)
+    edges.chunk_by(|a, b| a == b).any(|same| 2 < same.len())
+        || cut.pieces.iter().any(|piece| height(cut, piece.vertices) <= cut.tolerance())
 }
 
 /// How far a triangle reaches across its longest edge; nothing if its corners are in one place.
@@ -83,7 +87,7 @@ impl<'a, 'b> Net<'a, 'b> {
             let [a, b] = [self.from(half), self.to(half)];
             [a.min(b), a.max(b)]
         };
-        let mut all = Vec::from_iter(self.halves().filter(|&half| self.is_there(half)));
+        let mut all: Vec<_> = self.halves().filter(|&half| self.is_there(half)).collect();
         all.sort_by_key(|&half| key(half));
         all.chunk_by(|&a, &b| key(a) == key(b)).map(<[u32]>::to_vec).collect()
     }
@@ -95,17 +99,16 @@ impl<'a, 'b> Net<'a, 'b> {
                 continue;
             }
             let is_there = |half: u32| self.from(half) < self.to(half);
-            let place = |vertex: u32| self.cut.position(vertex);
             let [start, end] = [self.from(same[0]), self.to(same[0])];
-            let start = place(start.min(end));
-            let axis = place(self.from(same[0]).max(self.to(same[0]))) - start;
-            let across = |half: u32| axis.cross(&(place(self.to(next(half))) - start));
+            let start = self.cut.position(start.min(end));
+            let axis = self.cut.position(self.from(same[0]).max(self.to(same[0]))) - start;
+            let across = |half: u32| axis.cross(&(self.cut.position(self.to(next(half))) - start));
             let (x, length) = (across(same[0]), axis.norm());
             let angle = |half: u32| {
                 let own = across(half);
                 libm::atan2(x.cross(&own).dot(&axis) / length, x.dot(&own))
             };
-            let mut round = Vec::from_iter(same.iter().map(|&half| (angle(half), half)));
+            let mut round: Vec<_> = same.iter().map(|&half| (angle(half), half)).collect();
             round.sort_by(|a, b| {
                 a.0.total_cmp(&b.0).then(is_there(b.1).cmp(&is_there(a.1))).then(a.1.cmp(&b.1))
             });

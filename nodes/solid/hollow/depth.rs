@@ -59,11 +59,14 @@ impl Depth {
         let distances = grid.distances(tree, deepest + spacing, progress)?;
         progress.tick(0.8)?;
         let is_inside = grid.inside(mesh, &distances, deepest, progress)?;
-        let depth = |(distance, is_inside): (&f64, &bool)| match is_inside {
-            true => *distance,
-            false => distance.min(spacing) - 2.0 * spacing,
-        };
-        grid.depths = distances.iter().zip(&is_inside).map(depth).collect();
+        grid.depths = distances
+            .iter()
+            .zip(&is_inside)
+            .map(|(distance, is_inside): (&f64, &bool)| match is_inside {
+                true => *distance,
+                false => distance.min(spacing) - 2.0 * spacing,
+            })
+            .collect();
         Ok(grid)
     }
 
@@ -110,7 +113,6 @@ impl Depth {
         let block =
             |k: usize| [k % blocks[0], k / blocks[0] % blocks[1], k / blocks[0] / blocks[1]];
         let half = (BLOCK - 1) as f64 / 2.0 * self.spacing;
-        let middle = |k: usize| self.place(block(k).map(|k| BLOCK * k)) + Vector3::repeat(half);
         let count = blocks.iter().product();
         let to_skin = |points: &[Point3<f64>]| {
             let found = tree.nearest_to_all(points).into_iter();
@@ -120,7 +122,11 @@ impl Depth {
         for first in (0..count).step_by(CHUNK) {
             progress.tick(0.2 * first as f64 / count as f64)?;
             let blocks = first..count.min(first + CHUNK);
-            of_blocks.extend(to_skin(&Vec::from_iter(blocks.map(middle))));
+            of_blocks.extend(to_skin(
+                &blocks
+                    .map(|k: usize| self.place(block(k).map(|k| BLOCK * k)) + Vector3::repeat(half))
+                    .collect::<Vec<_>>(),
+            ));
         }
         let mut distances = vec![0.0; self.counts.iter().product()];
         let (mut nodes, mut places) = (Vec::new(), Vec::new());
@@ -213,12 +219,15 @@ impl Depth {
 
 /// How often a mesh winds around a place: the sum of the solid angles in which it is seen, in whole spheres.
 fn winding(mesh: &Mesh, at: Point3<f64>) -> f64 {
-    let half = |face: usize| -> f64 {
-        let face = mesh.faces().face(face);
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        let fan = face[1..].windows(2).map(|pair| [face[0], pair[0], pair[1]].map(place));
-        fan.map(|corners| half_solid_angle(corners, &at)).sum()
-    };
-    let halves: Vec<f64> = (0..mesh.faces().len()).into_par_iter().map(half).collect();
+    let halves: Vec<f64> = (0..mesh.faces().len())
+        .into_par_iter()
+        .map(|face: usize| -> f64 {
+            let face = mesh.faces().face(face);
+            let fan = face[1..].windows(2).map(|pair| {
+                [face[0], pair[0], pair[1]].map(|vertex: u32| mesh.positions()[vertex as usize])
+            });
+            fan.map(|corners| half_solid_angle(corners, &at)).sum()
+        })
+        .collect();
     halves.iter().sum::<f64>() / std::f64::consts::TAU
 }

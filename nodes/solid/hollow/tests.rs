@@ -7,11 +7,16 @@ use super::*;
 
 /// A box of quads.
 fn cuboid(size: [f64; 3]) -> Mesh {
-    let at = |k: usize| Point3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64));
     let faces =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
-    Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap()
+    Mesh::new(
+        (0..8)
+            .map(|k: usize| Point3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64)))
+            .collect::<Vec<_>>(),
+        faces,
+    )
+    .unwrap()
 }
 
 fn volume(mesh: &Mesh) -> f64 {
@@ -101,19 +106,19 @@ fn the_cavity_has_what_lies_on_the_skin() {
 #[test]
 fn it_is_the_same_for_any_number_of_threads() {
     let solid = cuboid([20.0, 16.0, 12.0]);
-    let hollow = |threads| {
+    fn hollow_with(threads: usize, solid: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| hollow(&solid, (2.0, 0.0), &[], &Progress::none()).unwrap())
-    };
-    assert_eq!(hollow(1), hollow(3));
+        pool.install(|| hollow(solid, (2.0, 0.0), &[], &Progress::none()).unwrap())
+    }
+    assert_eq!(hollow_with(1, &solid), hollow_with(3, &solid));
 }
 
 #[test]
 fn what_cannot_be_hollow_is_told_why() {
     let solid = cuboid([20.0, 16.0, 12.0]);
-    let told = |mesh: &Mesh, thickness, spacing| {
+    fn told(mesh: &Mesh, thickness: f64, spacing: f64) -> String {
         hollow(mesh, (thickness, spacing), &[], &Progress::none()).unwrap_err().to_string()
-    };
+    }
     assert_eq!(told(&solid, f64::NAN, 0.0), "`thickness` is NaN, but must be a number above 0");
     assert_eq!(
         told(&solid, 2.0, 1.5),

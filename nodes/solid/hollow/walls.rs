@@ -36,9 +36,12 @@ pub(super) fn keep_walls(
         let mut lacks = vec![0.0; contour.points.len()];
         for faces in open.chunks(CHUNK / PROBES) {
             progress.check()?;
-            let probes = Vec::from_iter(faces.iter().flat_map(|&face| {
-                probes(contour.triangles[face].map(|vertex| contour.points[vertex as usize]))
-            }));
+            let probes: Vec<_> = faces
+                .iter()
+                .flat_map(|&face| {
+                    probes(contour.triangles[face].map(|vertex| contour.points[vertex as usize]))
+                })
+                .collect();
             let walls = tree.nearest_to_all(&probes);
             for (&face, walls) in faces.iter().zip(walls.chunks(PROBES)) {
                 let least = walls.iter().flatten().map(|wall| wall.distance_sq);

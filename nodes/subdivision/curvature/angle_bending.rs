@@ -35,10 +35,18 @@ pub fn angle_bending(mesh: &Mesh) -> Vec<AngleBending> {
                 Some(other) if other == k => area / 2.0,
                 Some(_) => area / 4.0,
                 None => {
-                    let part = |to: usize, across: usize| {
+                    fn part(
+                        to: usize,
+                        across: usize,
+                        corners: &[Corner; 3],
+                        places: &[Point3<f64>; 3],
+                        k: usize,
+                    ) -> f64 {
                         corners[across].cotangent * (places[to] - places[k]).norm_squared()
-                    };
-                    (part(next, last) + part(last, next)) / 8.0
+                    }
+                    (part(next, last, &corners, &places, k)
+                        + part(last, next, &corners, &places, k))
+                        / 8.0
                 }
             };
             for (to, across) in [(next, last), (last, next)] {

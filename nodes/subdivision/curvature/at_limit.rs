@@ -42,18 +42,20 @@ pub(super) fn at_limit(
     let sharp = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
     sharp.flat_map(|(ends, _)| ends).for_each(|end| creased[end as usize] = true);
     let stars = Stars { connectivity: &connectivity, control: mesh.positions(), scheme };
-    let of = |ring: &mut Ring, vertex: usize| {
-        if starts[vertex] == NONE || creased[vertex] && !scheme.is_dual() {
-            return None;
-        }
-        connectivity.ring(starts[vertex], ring);
-        stars.derivatives(vertex, ring).map(|(u, uu)| Bending::of_derivatives(u, uu))
-    };
-    let regular: Vec<Option<Option<Bending>>> =
-        (0..starts.len()).into_par_iter().with_min_len(1024).map_init(Ring::default, of).collect();
-    let extraordinary = Vec::from_iter(regular.iter().map(Option::is_none));
-    let mut bending = Vec::from_iter(regular.into_iter().map(Option::flatten));
-    let others = Vec::from_iter((0..starts.len() as u32).filter(|&v| extraordinary[v as usize]));
+    let regular: Vec<Option<Option<Bending>>> = (0..starts.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .map_init(Ring::default, |ring: &mut Ring, vertex: usize| {
+            if starts[vertex] == NONE || creased[vertex] && !scheme.is_dual() {
+                return None;
+            }
+            connectivity.ring(starts[vertex], ring);
+            stars.derivatives(vertex, ring).map(|(u, uu)| Bending::of_derivatives(u, uu))
+        })
+        .collect();
+    let extraordinary: Vec<_> = regular.iter().map(Option::is_none).collect();
+    let mut bending: Vec<_> = regular.into_iter().map(Option::flatten).collect();
+    let others: Vec<_> = (0..starts.len() as u32).filter(|&v| extraordinary[v as usize]).collect();
     for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others, progress)?) {
         bending[vertex as usize] = found;
     }
@@ -86,13 +88,17 @@ impl Stars<'_> {
             Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
         };
         let beside: [u32; 4] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
-        let across = |&half: &u32| {
-            let is_quad =
-                self.connectivity.faces.face(self.connectivity.face_of(half) as usize).len() == 4;
-            let corner = self.connectivity.next(self.connectivity.next(half));
-            is_quad.then(|| self.connectivity.corners()[corner as usize])
-        };
-        let across: Option<Vec<u32>> = ring.halves.iter().map(across).collect();
+        let across: Option<Vec<u32>> = ring
+            .halves
+            .iter()
+            .map(|&half| {
+                let is_quad =
+                    self.connectivity.faces.face(self.connectivity.face_of(half) as usize).len()
+                        == 4;
+                let corner = self.connectivity.next(self.connectivity.next(half));
+                is_quad.then(|| self.connectivity.corners()[corner as usize])
+            })
+            .collect();
         let across: [u32; 4] = across?.try_into().ok()?;
         Some(tensor(own, beside.map(control), across.map(control), [middle, side]))
     }
@@ -151,27 +157,39 @@ fn close_by(
     let fine = plan.apply(&part)?;
     progress.check()?;
     let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
-    let places = Vec::from_iter(vertices.iter().map(|&vertex| limit.positions()[vertex as usize]));
+    let places: Vec<_> =
+        vertices.iter().map(|&vertex| limit.positions()[vertex as usize]).collect();
     // The other schemes keep the numbers of vertices when they refine.
     let own = if how.scheme.is_dual() { nearest_vertices(&fine, &places) } else { own };
     let normals = fine.vertex_normals();
-    let of = |(&place, own): (&Point3<f64>, &Option<u32>)| {
-        let own = (*own)?;
-        let around = neighbors.near(own, 6).into_iter().chain([own]);
-        let around = Vec::from_iter(around.map(|other| fine.positions()[other as usize]));
-        Bending::of_points(place, normals[own as usize], &around)
-    };
-    Ok(places.par_iter().zip(&own).with_min_len(64).map(of).collect())
+    Ok(places
+        .par_iter()
+        .zip(&own)
+        .with_min_len(64)
+        .map(|(&place, own): (&Point3<f64>, &Option<u32>)| {
+            let own = (*own)?;
+            let around = neighbors.near(own, 6).into_iter().chain([own]);
+            let around: Vec<_> = around.map(|other| fine.positions()[other as usize]).collect();
+            Bending::of_points(place, normals[own as usize], &around)
+        })
+        .collect())
 }
 
 /// The vertex of a mesh that is nearest to each place, of those of the nearest face.
 fn nearest_vertices(mesh: &Mesh, places: &[Point3<f64>]) -> Vec<Option<u32>> {
-    let of = |(place, hit): (&Point3<f64>, Option<NearestPlace>)| {
-        let face = mesh.faces().face(hit?.face as usize);
-        let away = |vertex: u32| (mesh.positions()[vertex as usize] - place).norm_squared();
-        face.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)))
-    };
-    places.iter().zip(TriangleTree::new(mesh).nearest_to_all(places)).map(of).collect()
+    places
+        .iter()
+        .zip(TriangleTree::new(mesh).nearest_to_all(places))
+        .map(|(place, hit): (&Point3<f64>, Option<NearestPlace>)| {
+            let face = mesh.faces().face(hit?.face as usize);
+            fn away(vertex: u32, place: &Point3<f64>, mesh: &Mesh) -> f64 {
+                (mesh.positions()[vertex as usize] - place).norm_squared()
+            }
+            face.iter()
+                .copied()
+                .min_by(|&a, &b| away(a, place, mesh).total_cmp(&away(b, place, mesh)))
+        })
+        .collect()
 }
 
 /// The faces within two edges of some vertices, on which the surface between them and their neighbors depends, and the numbers
@@ -188,7 +206,7 @@ fn around(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), Cur
             face.iter().for_each(|&vertex| marked[vertex as usize] = true);
         }
     }
-    let faces = Vec::from_iter((0..chosen.len() as u32).filter(|&face| chosen[face as usize]));
+    let faces: Vec<_> = (0..chosen.len() as u32).filter(|&face| chosen[face as usize]).collect();
     let mut numbers = vec![None; marked.len()];
     let named = faces.iter().flat_map(|&face| mesh.faces().face(face as usize));
     named.for_each(|&vertex| numbers[vertex as usize] = Some(0));

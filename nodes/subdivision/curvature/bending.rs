@@ -88,12 +88,14 @@ impl Bending {
             let to = (point - middle) / size;
             [to.dot(&first), to.dot(&second), to.dot(&normal)]
         };
-        let of_point = |point: &Point3<f64>| {
-            let [x, y, z] = local(point);
-            let terms = Vector5::new(x * x, x * y, y * y, x, y);
-            (terms * terms.transpose(), terms * z)
-        };
-        let sums = around.iter().map(of_point).reduce(|a, b| (a.0 + b.0, a.1 + b.1));
+        let sums = around
+            .iter()
+            .map(|point| {
+                let [x, y, z] = local(point);
+                let terms = Vector5::new(x * x, x * y, y * y, x, y);
+                (terms * terms.transpose(), terms * z)
+            })
+            .reduce(|a, b| (a.0 + b.0, a.1 + b.1));
         let (normal_rows, heights) = sums?;
         let cholesky = normal_rows.cholesky()?;
         // The eigenvalues' product is at most the least one times the fourth power of the greatest, and that at most their sum: mostly it
@@ -155,7 +157,9 @@ mod tests {
 
     #[test]
     fn points_of_a_paraboloid_have_its_curvature_whatever_the_normal_that_is_assumed() {
-        let height = |x: f64, y: f64| -0.5 * x * x - 1.5 * y * y;
+        fn height(x: f64, y: f64) -> f64 {
+            -0.5 * x * x - 1.5 * y * y
+        }
         let around: Vec<Point3<f64>> = (0..12)
             .map(|k| 0.5 * f64::from(k))
             .map(|t| [0.1 * libm::cos(t), 0.1 * libm::sin(3.0 * t)])

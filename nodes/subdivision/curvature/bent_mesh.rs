@@ -23,18 +23,20 @@ impl BentMesh {
     /// Never: the attributes are as many as the vertices.
     pub fn into_mesh(self, ramp: CurvatureRamp, strongest: f64) -> Result<Mesh, MeshError> {
         type Number = fn(&Bending) -> f64;
-        let number = |of: Number| -> Vec<f64> {
-            self.bending.iter().map(|bending| bending.as_ref().map_or(0.0, of)).collect()
-        };
-        let direction = |k: usize| -> Attribute {
-            let of = |bending: &Option<Bending>| {
-                bending.map_or([0.0; 3], |bending| bending.directions[k].into())
-            };
-            Attribute::Vector(self.bending.iter().map(of).collect())
-        };
-        let flag = |flags: &mut dyn Iterator<Item = bool>| -> Attribute {
+        fn number(of: Number, self_bending: &[Option<Bending>]) -> Vec<f64> {
+            self_bending.iter().map(|bending| bending.as_ref().map_or(0.0, of)).collect()
+        }
+        fn direction(k: usize, self_bending: &[Option<Bending>]) -> Attribute {
+            Attribute::Vector(
+                self_bending
+                    .iter()
+                    .map(|bending| bending.map_or([0.0; 3], |bending| bending.directions[k].into()))
+                    .collect(),
+            )
+        }
+        fn flag(flags: &mut dyn Iterator<Item = bool>) -> Attribute {
             Attribute::Flag(flags.map(u8::from).collect())
-        };
+        }
         let columns: [(&str, Number, CurvatureRamp); 4] = [
             ("gaussian", |bending| bending.gaussian, CurvatureRamp::Gaussian),
             ("mean", |bending| bending.mean, CurvatureRamp::Mean),
@@ -44,16 +46,16 @@ impl BentMesh {
         let mut mesh = self
             .mesh
             .clone()
-            .with_vertex("direction1", direction(0))?
-            .with_vertex("direction2", direction(1))?
+            .with_vertex("direction1", direction(0, &self.bending))?
+            .with_vertex("direction2", direction(1, &self.bending))?
             .with_vertex("extraordinary", flag(&mut self.extraordinary.iter().copied()))?
             .with_vertex("unknown", flag(&mut self.bending.iter().map(Option::is_none)))?;
         for (name, of, shown) in columns {
-            let numbers = number(of);
+            let numbers = number(of, &self.bending);
             if shown == ramp {
                 let strongest = if strongest > 0.0 { strongest } else { exceeded(&numbers) };
-                let color = |&number: &f64| bending::ramp(number / strongest);
-                let colors = numbers.iter().map(color).collect();
+                let colors =
+                    numbers.iter().map(|&number| bending::ramp(number / strongest)).collect();
                 mesh = mesh.with_texture(None).with_vertex("color", Attribute::Color(colors))?;
             }
             mesh = mesh.with_vertex(name, Attribute::Number(numbers.into()))?;
@@ -64,7 +66,7 @@ impl BentMesh {
 
 /// The size that 5 % of some numbers exceed; not 0.
 fn exceeded(numbers: &[f64]) -> f64 {
-    let mut sizes = Vec::from_iter(numbers.iter().map(|number| number.abs()));
+    let mut sizes: Vec<_> = numbers.iter().map(|number| number.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)
 }

@@ -13,8 +13,7 @@ pub(super) struct Neighbors(Lists);
 
 impl Neighbors {
     pub(super) fn new(edges: &Edges, vertices: usize) -> Self {
-        let both = || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)]);
-        Self(Lists::group(vertices, both))
+        Self(Lists::group(vertices, || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)])))
     }
 
     pub(super) fn of(&self, vertex: u32) -> &[u32] {
@@ -45,12 +44,15 @@ pub(super) fn triangulated(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let mut places = mesh.positions().to_vec();
     let mut triangles = Vec::new();
     for (number, face) in mesh.faces().iter().enumerate() {
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        let sum: Vector3<f64> = face.iter().map(|&vertex| place(vertex).coords).sum();
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        let sum: Vector3<f64> = face.iter().map(|&vertex| place(vertex, mesh).coords).sum();
         let middle = Point3::from(sum / face.len() as f64);
         let normal = mesh.area_vector(face);
         let sides = || face.iter().copied().zip(face.iter().copied().cycle().skip(1));
-        let mut areas = sides().map(|(a, b)| (place(a) - middle).cross(&(place(b) - middle)));
+        let mut areas =
+            sides().map(|(a, b)| (place(a, mesh) - middle).cross(&(place(b, mesh) - middle)));
         if face.len() > 3 && areas.all(|area| area.dot(&normal) >= 0.0) {
             triangles.extend(sides().map(|(a, b)| [a, b, places.len() as u32]));
             places.push(middle);
@@ -77,16 +79,21 @@ pub(super) fn fitted(
 ) -> Result<Vec<Option<Bending>>, Cancelled> {
     let neighbors = Neighbors::new(&mesh.edges(), mesh.positions().len());
     let normals = mesh.vertex_normals();
-    let at = |&vertex: &u32| {
-        let near = neighbors.near(vertex, LEAST);
-        let around = Vec::from_iter(near.iter().map(|&other| mesh.positions()[other as usize]));
-        let middle = mesh.positions()[vertex as usize];
-        Bending::of_points(middle, normals[vertex as usize], &around)
-    };
-    let part = |vertices: &[u32]| {
-        progress.check()?;
-        Ok(Vec::from_iter(vertices.iter().map(at)))
-    };
-    let parts = vertices.par_chunks(256).map(part).collect::<Result<Vec<_>, _>>()?;
+    let parts = vertices
+        .par_chunks(256)
+        .map(|vertices| {
+            progress.check()?;
+            Ok(vertices
+                .iter()
+                .map(|&vertex| {
+                    let near = neighbors.near(vertex, LEAST);
+                    let around: Vec<_> =
+                        near.iter().map(|&other| mesh.positions()[other as usize]).collect();
+                    let middle = mesh.positions()[vertex as usize];
+                    Bending::of_points(middle, normals[vertex as usize], &around)
+                })
+                .collect::<Vec<_>>())
+        })
+        .collect::<Result<Vec<_>, _>>()?;
     Ok(parts.concat())
 }

@@ -83,18 +83,26 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
 fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
     // A tube of triangles with edges along its axis: control points that the scheme sums to a straight line there.
     let (n, m) = (24u32, 9u32);
-    let at = |k: u32| {
-        let angle = f64::from(k % n) / f64::from(n) * std::f64::consts::TAU;
-        Point3::new(2.0 * libm::cos(angle), 2.0 * libm::sin(angle), 0.5 * f64::from(k / n))
-    };
-    let name = |i: u32, j: u32| i % n + j * n;
+    fn name(i: u32, j: u32, n: u32) -> u32 {
+        i % n + j * n
+    }
     let cells = (0..n * (m - 1)).map(|k| (k % n, k / n));
     let faces = cells.flat_map(|(i, j)| {
-        let [a, b, c, d] = [name(i, j), name(i + 1, j), name(i + 1, j + 1), name(i, j + 1)];
+        let [a, b, c, d] =
+            [name(i, j, n), name(i + 1, j, n), name(i + 1, j + 1, n), name(i, j + 1, n)];
         [[a, b, c], [a, c, d]]
     });
     let faces = maquette_value::Faces::triangles(faces.collect());
-    let tube = Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), faces).unwrap();
+    let tube = Mesh::new(
+        (0..n * m)
+            .map(|k: u32| {
+                let angle = f64::from(k % n) / f64::from(n) * std::f64::consts::TAU;
+                Point3::new(2.0 * libm::cos(angle), 2.0 * libm::sin(angle), 0.5 * f64::from(k / n))
+            })
+            .collect::<Vec<_>>(),
+        faces,
+    )
+    .unwrap();
     let bent = curvature(
         &tube,
         CurvatureMethod::Limit,
@@ -215,8 +223,8 @@ fn flipped(mesh: &Mesh, pairs: &[usize]) -> Mesh {
 #[test]
 fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
     let round = torus(48, 24, true);
-    let bend = |pairs: &[usize]| {
-        let mesh = flipped(&round, pairs);
+    fn bend(pairs: &[usize], round: &Mesh) -> BentMesh {
+        let mesh = flipped(round, pairs);
         curvature(
             &mesh,
             CurvatureMethod::Limit,
@@ -225,8 +233,8 @@ fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
             &Progress::none(),
         )
         .unwrap()
-    };
-    let alone = bend(&[0]);
+    }
+    let alone = bend(&[0], &round);
     let own: Vec<usize> =
         (0..alone.extraordinary.len()).filter(|&v| alone.extraordinary[v]).collect();
     assert_eq!(own.len(), 4);
@@ -236,7 +244,7 @@ fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
             if row.max(column) < 4 {
                 continue;
             }
-            let both = bend(&[0, other]);
+            let both = bend(&[0, other], &round);
             assert_eq!(both.extraordinary.iter().filter(|&&is| is).count(), 8);
             for &vertex in &own {
                 let [one, two] = [&alone, &both].map(|bent| bent.bending[vertex].unwrap().mean);

@@ -38,9 +38,10 @@ pub(super) struct Feet {
 
 impl Feet {
     pub(super) fn new(fine: &Mesh, points: &[Point3<f64>], reach: f64) -> Self {
-        let is_near = |place: &NearestPlace| place.distance_sq <= reach * reach;
         let mut places = TriangleTree::new(fine).nearest_to_all(points);
-        places.iter_mut().for_each(|place| *place = place.filter(is_near));
+        places
+            .iter_mut()
+            .for_each(|place| *place = place.filter(|place| place.distance_sq <= reach * reach));
         let nearest =
             places.iter().map(|place| Some(Nearest::new(place.as_ref()?, LEVELS))).collect();
         let near = points.iter().zip(places);

@@ -135,7 +135,9 @@ fn unfolded(
 
 fn mean_edge(mesh: &Mesh) -> f64 {
     let edges = mesh.edges().vertices;
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let lengths = edges.iter().map(|&[a, b]| (place(a) - place(b)).norm());
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
+    let lengths = edges.iter().map(|&[a, b]| (place(a, mesh) - place(b, mesh)).norm());
     lengths.sum::<f64>() / edges.len().max(1) as f64
 }

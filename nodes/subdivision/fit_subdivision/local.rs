@@ -38,17 +38,20 @@ pub(super) struct Measure {
 impl Local {
     /// The part of a net after a change; none if it is no surface.
     pub(super) fn new(net: &Net, change: &Change, around: &Surroundings) -> Option<Self> {
-        let stay = |faces: &[u32]| -> Vec<[u32; 3]> {
-            let stay = faces.iter().filter(|face| !change.removed.contains(face));
-            stay.map(|&face| net.faces[face as usize]).collect()
-        };
-        let measured = [&stay(&around.measured)[..], &change.added].concat();
-        let faces = measured.iter().copied().chain(stay(&around.margin));
-        let place = |vertex: u32| match change.place {
-            Some((moved, place)) if moved == vertex => place,
-            _ => net.places[vertex as usize],
-        };
-        let (mesh, vertices) = net.part(faces, place).ok()?;
+        fn stay(faces: &[u32], change_removed: &[u32], net_faces: &[[u32; 3]]) -> Vec<[u32; 3]> {
+            let stay = faces.iter().filter(|face| !change_removed.contains(face));
+            stay.map(|&face| net_faces[face as usize]).collect()
+        }
+        let measured =
+            [&stay(&around.measured, &change.removed, &net.faces)[..], &change.added].concat();
+        let faces =
+            measured.iter().copied().chain(stay(&around.margin, &change.removed, &net.faces));
+        let (mesh, vertices) = net
+            .part(faces, |vertex: u32| match change.place {
+                Some((moved, place)) if moved == vertex => place,
+                _ => net.places[vertex as usize],
+            })
+            .ok()?;
         let mesh = with_sharp(&mesh, &vertices, |ends| net.sharpness(ends, change)).ok()?;
         // A part may meet itself in a vertex of its margin.
         let mesh = manifold(&mesh).ok()?;

@@ -94,8 +94,11 @@ pub fn fit_by_moves(
     let (mut mesh, mut nearest) = fit.settled(&start, progress)?;
     let mut moving = Moving::new(&mesh, &scan, prices, smoothing);
     for pass in 0..prices.passes {
-        let share = |share: f64| (f64::from(pass) + share) / f64::from(prices.passes);
-        let (moved, made) = moving.pass(&mesh, &nearest, |done| progress.tick(share(done)))?;
+        fn share(share: f64, pass: u32, prices_passes: u32) -> f64 {
+            (f64::from(pass) + share) / f64::from(prices_passes)
+        }
+        let (moved, made) =
+            moving.pass(&mesh, &nearest, |done| progress.tick(share(done, pass, prices.passes)))?;
         (mesh, nearest) = fit.settled(&moved, progress)?;
         if made == 0 {
             break;

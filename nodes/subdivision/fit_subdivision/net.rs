@@ -80,14 +80,18 @@ impl Net {
     /// # Errors
     /// If a place is infinite.
     pub(super) fn mesh(&self) -> Result<(Mesh, Vec<u32>, Vec<u32>), MeshError> {
-        let lives = |&face: &u32| self.faces[face as usize] != GONE;
-        let faces: Vec<u32> = (0..self.faces.len() as u32).filter(lives).collect();
+        let faces: Vec<u32> = (0..self.faces.len() as u32)
+            .filter(|&face| self.faces[face as usize] != GONE)
+            .collect();
         let (mesh, vertices) = self
             .part(faces.iter().map(|&face| self.faces[face as usize]), |v| {
                 self.places[v as usize]
             })?;
-        let sharp = |ends: [u32; 2]| self.sharp.get(&ends).copied();
-        Ok((with_sharp(&mesh, &vertices, sharp)?, vertices, faces))
+        Ok((
+            with_sharp(&mesh, &vertices, |ends: [u32; 2]| self.sharp.get(&ends).copied())?,
+            vertices,
+            faces,
+        ))
     }
 
     /// Some faces as a mesh, and the vertex of the net that each of its vertices is.
@@ -98,8 +102,12 @@ impl Net {
     ) -> Result<(Mesh, Vec<u32>), MeshError> {
         let faces: Vec<[u32; 3]> = faces.collect();
         let vertices = set(faces.as_flattened().to_vec());
-        let number = |vertex: u32| vertices.partition_point(|&other| other < vertex) as u32;
-        let faces = faces.into_iter().map(|face| face.map(number)).collect();
+        let faces = faces
+            .into_iter()
+            .map(|face| {
+                face.map(|vertex: u32| vertices.partition_point(|&other| other < vertex) as u32)
+            })
+            .collect();
         let places: Vec<Point3<f64>> = vertices.iter().map(|&vertex| place(vertex)).collect();
         Ok((Mesh::new(places, Faces::triangles(faces))?, vertices))
     }
@@ -145,11 +153,13 @@ impl Net {
 
     /// The other ends of the sharp edges and borders at a vertex.
     pub(super) fn sharp_neighbors(&self, vertex: u32) -> Vec<u32> {
-        let holds = |&other: &u32| {
-            let ends = [vertex, other];
-            self.sharp.contains_key(&ordered(ends)) || self.sides(ends).len() == 1
-        };
-        self.neighbors(vertex).into_iter().filter(holds).collect()
+        self.neighbors(vertex)
+            .into_iter()
+            .filter(|&other| {
+                let ends = [vertex, other];
+                self.sharp.contains_key(&ordered(ends)) || self.sides(ends).len() == 1
+            })
+            .collect()
     }
 
     /// The other ends of a corner's edges, from each sharp edge or border to the next; none if it is no corner, with less than three.
@@ -158,24 +168,29 @@ impl Net {
         if sharp.len() < 3 {
             return Vec::new();
         }
-        let after = |end: u32| {
-            self.around[vertex as usize].iter().find_map(|&face| {
-                let face = self.faces[face as usize];
+        fn after(end: u32, vertex: u32, around: &[Vec<u32>], faces: &[[u32; 3]]) -> Option<u32> {
+            around[vertex as usize].iter().find_map(|&face| {
+                let face = faces[face as usize];
                 let place = face.iter().position(|&corner| corner == vertex)?;
                 (face[(place + 1) % 3] == end).then(|| face[(place + 2) % 3])
             })
-        };
-        let from = |&first: &u32| {
-            let mut ends = vec![first];
-            while let Some(next) = after(ends[ends.len() - 1]) {
-                ends.push(next);
-                if sharp.contains(&next) {
-                    break;
+        }
+        sharp
+            .iter()
+            .map(|&first| {
+                let mut ends = vec![first];
+                while let Some(next) =
+                    after(ends[ends.len() - 1], vertex, &self.around, &self.faces)
+                {
+                    ends.push(next);
+                    if sharp.contains(&next) {
+                        break;
+                    }
                 }
-            }
-            ends
-        };
-        sharp.iter().map(from).filter(|ends| 1 < ends.len()).collect()
+                ends
+            })
+            .filter(|ends| 1 < ends.len())
+            .collect()
     }
 
     /// Makes an edge sharp.
@@ -212,15 +227,17 @@ impl Net {
             [false, false] => center(&first, &second),
         };
         let others = self.neighbors(b);
-        let common = Vec::from_iter(self.neighbors(a).into_iter().filter(|v| others.contains(v)));
+        let common: Vec<_> = self.neighbors(a).into_iter().filter(|v| others.contains(v)).collect();
         // A vertex across from the edge loses a face and must keep a fan.
-        let is_thin = |&apex: &u32| {
-            let is_border =
-                self.sharp_neighbors(apex).iter().any(|&v| self.sides([apex, v]).len() == 1);
-            self.around[apex as usize].len() < if is_border { 2 } else { 4 }
-        };
         let ring = common.iter().any(|v| sharp[0].contains(v) && sharp[1].contains(v));
-        if common.len() != sides.len() || common.iter().any(is_thin) || ring {
+        if common.len() != sides.len()
+            || common.iter().any(|&apex| {
+                let is_border =
+                    self.sharp_neighbors(apex).iter().any(|&v| self.sides([apex, v]).len() == 1);
+                self.around[apex as usize].len() < if is_border { 2 } else { 4 }
+            })
+            || ring
+        {
             return None;
         }
         let removed = self.around[b as usize].clone();
@@ -244,32 +261,48 @@ impl Net {
     fn split(&self, [a, b]: [u32; 2]) -> Option<Change> {
         let removed = self.sides([a, b]);
         let new = self.places.len() as u32;
-        let halves = |&face: &u32| {
-            let face = self.faces[face as usize];
-            [a, b].map(|end| face.map(|vertex| if vertex == end { new } else { vertex }))
-        };
-        let added = removed.iter().flat_map(halves).collect();
+        let added = removed
+            .iter()
+            .flat_map(|&face| {
+                let face = self.faces[face as usize];
+                [a, b].map(|end| face.map(|vertex| if vertex == end { new } else { vertex }))
+            })
+            .collect();
         let [first, second] = [a, b].map(|end| self.places[end as usize]);
         let sharp = self.sharp.get(&ordered([a, b])).copied();
-        let split = |sharp| vec![([a, b], 0.0), ([a, new], sharp), ([b, new], sharp)];
         let more = [1.0, if sharp.is_some() { 1.0 } else { 0.0 }];
         let place = Some((new, center(&first, &second)));
-        Some(Change { removed, added, place, sharp: sharp.map(split).unwrap_or_default(), more })
+        Some(Change {
+            removed,
+            added,
+            place,
+            sharp: sharp
+                .map(|sharp| vec![([a, b], 0.0), ([a, new], sharp), ([b, new], sharp)])
+                .unwrap_or_default(),
+            more,
+        })
     }
 
     fn swap(&self, [a, b]: [u32; 2]) -> Option<Change> {
         let removed = self.sides([a, b]);
         let [f, g] = removed[..] else { return None };
-        let across = |face: u32| {
-            let corners = self.faces[face as usize];
+        fn across(face: u32, a: u32, b: u32, faces: &[[u32; 3]]) -> Option<[u32; 3]> {
+            let corners = faces[face as usize];
             let place = corners.iter().position(|&vertex| vertex != a && vertex != b)?;
             Some([0, 1, 2].map(|k| corners[(place + k) % 3]))
-        };
+        }
         // Each face from the corner across on; the second one runs the other way.
-        let ([c, from, to], [d, ..]) = (across(f)?, across(g)?);
-        let is_thin = |end: u32| self.around[end as usize].len() < 4;
+        let ([c, from, to], [d, ..]) =
+            (across(f, a, b, &self.faces)?, across(g, a, b, &self.faces)?);
+        fn is_thin(end: u32, around: &[Vec<u32>]) -> bool {
+            around[end as usize].len() < 4
+        }
         let taken = c == d || !self.sides([c, d]).is_empty();
-        if self.sharp.contains_key(&ordered([a, b])) || taken || is_thin(a) || is_thin(b) {
+        if self.sharp.contains_key(&ordered([a, b]))
+            || taken
+            || is_thin(a, &self.around)
+            || is_thin(b, &self.around)
+        {
             return None;
         }
         let added = vec![[c, from, d], [d, to, c]];
@@ -280,11 +313,14 @@ impl Net {
         let sides = self.sides(edge);
         let [f, g] = sides[..] else { return None };
         let is_sharp = self.sharp.contains_key(&edge);
-        let normal = |face: u32| {
-            let [a, b, c] = self.faces[face as usize].map(|vertex| self.places[vertex as usize]);
+        fn normal(face: u32, faces: &[[u32; 3]], places: &[Point3<f64>]) -> nalgebra::Vector3<f64> {
+            let [a, b, c] = faces[face as usize].map(|vertex| places[vertex as usize]);
             (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
-        };
-        if !is_sharp && SMOOTH_COSINE < normal(f).dot(&normal(g)) {
+        }
+        if !is_sharp
+            && SMOOTH_COSINE
+                < normal(f, &self.faces, &self.places).dot(&normal(g, &self.faces, &self.places))
+        {
             return None;
         }
         let (sharpness, more) = if is_sharp { (0.0, -1.0) } else { (SHARP, 1.0) };

@@ -46,10 +46,11 @@ impl<'a> Scan<'a> {
         let found = self.tree.nearest_to_all(&points);
         let feet = vertices.into_iter().zip(weights).zip(found).filter_map(|(of, found)| {
             let ((vertex, weight), found) = (of, found?);
-            let part = |(corner, share): (u32, f64)| {
-                self.points()[self.mesh.faces().corners()[corner as usize] as usize].coords * share
-            };
-            let parts = found.corners.into_iter().zip(found.shares).map(part);
+            let parts =
+                found.corners.into_iter().zip(found.shares).map(|(corner, share): (u32, f64)| {
+                    self.points()[self.mesh.faces().corners()[corner as usize] as usize].coords
+                        * share
+                });
             let place = Point3::from(parts.sum::<Vector3<f64>>());
             Some(Foot { vertex, weight, place, distance_sq: found.distance_sq })
         });

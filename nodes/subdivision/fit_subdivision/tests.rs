@@ -60,13 +60,16 @@ fn points_far_away_are_left_out_and_none_near_is_an_error() {
 
 /// A cube of edge 2 whose faces are `n` by `n` squares of two triangles.
 fn divided_cube(n: usize) -> Mesh {
-    let at = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
+    fn at(k: usize, n: usize) -> f64 {
+        2.0 * k as f64 / n as f64 - 1.0
+    }
     let mut points: Vec<Point3<f64>> = Vec::new();
     let mut faces = Vec::new();
     for (axis, side) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
         let mut vertex = |i: usize, j: usize| {
             let mut point = Point3::origin();
-            (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) = (side, at(i), at(j));
+            (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) =
+                (side, at(i, n), at(j, n));
             let known = points.iter().position(|other| (other - point).norm() < 1e-9);
             known.unwrap_or_else(|| {
                 points.push(point);
@@ -112,11 +115,15 @@ fn energy_finds_the_edges_of_a_cube() {
     let beyond = farthest(&found.mesh, &scan);
     assert!(beyond < 0.02, "{beyond}");
     // Sharp edges run along an edge of the cube, where two coordinates are 1.
-    let on_edge = |vertex: u32| {
-        let place = found.mesh.positions()[vertex as usize];
+    fn on_edge(vertex: u32, found_mesh: &Mesh) -> bool {
+        let place = found_mesh.positions()[vertex as usize];
         place.iter().filter(|x| 0.9 < x.abs()).count() >= 2
-    };
-    let along = found.mesh.creases().filter(|([a, b], _)| on_edge(*a) && on_edge(*b)).count();
+    }
+    let along = found
+        .mesh
+        .creases()
+        .filter(|([a, b], _)| on_edge(*a, &found.mesh) && on_edge(*b, &found.mesh))
+        .count();
     assert_eq!(along, found.mesh.creases().len());
     assert!(12 <= along, "{along}");
 }
@@ -145,11 +152,11 @@ fn corner_of_a_pit() -> Mesh {
 #[test]
 fn a_flat_face_around_the_corner_of_a_pit_does_not_reach_into_it() {
     let start = corner_of_a_pit();
-    let reach = |mesh: &Mesh| {
+    fn reach(mesh: &Mesh) -> f64 {
         let fine = Composed::new(mesh, 5).unwrap().surface(mesh.positions()).unwrap();
         let flat = fine.positions().iter().filter(|p| p.z.abs() < 1e-9);
         flat.map(|p| p.x.min(p.y)).fold(0.0, f64::max)
-    };
+    }
     let (cut, has_cut) = cut_concave_corners(&start).unwrap();
     assert!(has_cut && 0.03 < reach(&start), "{}", reach(&start));
     assert!(reach(&cut) < 1e-9, "{}", reach(&cut));
@@ -174,11 +181,11 @@ fn a_scan_without_faces_is_no_surface_for_moves() {
 fn moves_are_the_same_for_any_number_of_threads() {
     let scan = divided_cube(8);
     let start = divided_cube(4);
-    let with_threads = |threads: usize| {
+    fn with_threads(threads: usize, start: &Mesh, scan: &Mesh) -> FittedSubdivision {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| moved(&start, &scan, 1))
-    };
-    assert_eq!(with_threads(1), with_threads(3));
+        pool.install(|| moved(start, scan, 1))
+    }
+    assert_eq!(with_threads(1, &start, &scan), with_threads(3, &start, &scan));
 }
 
 /// The Euler characteristic, and whether there is a border.

@@ -99,7 +99,7 @@ fn solvers_need_as_many_iterations_as_their_reference() {
 #[test]
 fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
     let mut open = torus(12, 8, false);
-    let some = Vec::from_iter((0..open.faces().len() as u32).filter(|face| face % 12 > 2));
+    let some: Vec<_> = (0..open.faces().len() as u32).filter(|face| face % 12 > 2).collect();
     open = select_faces(&open, &some).unwrap();
     let creased = noisy(&torus(12, 8, false), 0.05);
     let ring = (0..12).map(|k| ([k, (k + 1) % 12], 10.0));
@@ -144,10 +144,10 @@ fn smallest(mesh: &Mesh, scheme: Scheme) -> f64 {
 
 #[test]
 fn the_limit_masks_have_their_known_smallest_eigenvalues() {
-    let check = |name: &str, mesh: Mesh, scheme, expected: f64, precision: f64| {
+    fn check(name: &str, mesh: Mesh, scheme: Scheme, expected: f64, precision: f64) {
         let found = smallest(&mesh, scheme);
         assert!((found - expected).abs() <= precision, "{name}: {found} {expected}");
-    };
+    }
     check("tetrahedron", tetrahedron(), Scheme::Loop, 0.2, 1e-10);
     check("octahedron", octahedron(), Scheme::Loop, 0.154_545_454_5, 1e-9);
     check("icosahedron", sphere(0), Scheme::Loop, 0.235_034_336_8, 1e-9);
@@ -227,7 +227,7 @@ fn the_plain_iteration_shrinks_by_the_smallest_eigenvalue_in_every_step() {
         let missed = mesh.positions().iter().zip(&surface).zip(&scale);
         missed.map(|((a, b), scale)| scale * (a - b).norm_squared()).sum::<f64>().sqrt()
     };
-    let lengths = Vec::from_iter((0..12).map(length));
+    let lengths: Vec<_> = (0..12).map(length).collect();
     for pair in lengths.windows(2) {
         assert!(pair[1] / pair[0] <= 1.0 - 0.251_756_7 + 1e-6, "{lengths:?}");
     }
@@ -241,7 +241,7 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
         torus(24, 12, true),
         noisy(&torus(24, 12, true), 0.02),
     ] {
-        let closest = |iterations, norm| {
+        fn closest(iterations: u32, norm: Norm, mesh: &Mesh) -> Interpolated<Mesh> {
             let (foot, solver, tolerance) = (Foot::Closest, Solver::Plain, 1e-5);
             let how = Interpolation {
                 foot,
@@ -251,21 +251,26 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
                 iterations,
                 ..Interpolation::default()
             };
-            found(&mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
-        };
-        assert_eq!(closest(0, Norm::Max).shape.positions(), mesh.positions());
+            found(mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
+        }
+        assert_eq!(closest(0, Norm::Max, &mesh).shape.positions(), mesh.positions());
         let allowed = 1e-5 * crate::solve::extent::diagonal(mesh.positions());
         for norm in [Norm::Max, Norm::Mean] {
-            let found = closest(60, norm);
-            let steps = Vec::from_iter(found.trace.steps().iter().map(|step| match norm {
-                Norm::Max => step.max,
-                Norm::Mean => step.rms,
-            }));
+            let found = closest(60, norm, &mesh);
+            let steps: Vec<_> = found
+                .trace
+                .steps()
+                .iter()
+                .map(|step| match norm {
+                    Norm::Max => step.max,
+                    Norm::Mean => step.rms,
+                })
+                .collect();
             assert!(found.settled && steps[steps.len() - 1] <= allowed, "{steps:?}");
             assert!(steps[..steps.len() - 1].iter().all(|step| *step > allowed));
             assert!(steps.windows(4).all(|window| window[3] <= window[0]), "{steps:?}");
         }
-        let (vertex, near) = (options(Solver::Plain, 1e-5), closest(60, Norm::Max));
+        let (vertex, near) = (options(Solver::Plain, 1e-5), closest(60, Norm::Max, &mesh));
         let vertex = found(&mesh, Scheme::Loop, &vertex).trace.steps().len();
         let near = near.trace.steps().len();
         assert!(near <= vertex + 1, "{near} iterations, with the vertices' own feet {vertex}");
@@ -276,17 +281,17 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
 fn an_affine_map_before_is_the_same_map_after() {
     let map = Matrix3::new(2.0, 0.3, -0.1, 0.0, 0.7, 0.4, 0.5, 0.0, 1.5);
     let shift = Vector3::new(3.0, -20.0, 1.0);
-    let moved = |mesh: &Mesh| {
-        let places = mesh.positions().iter().map(|p| Point3::from(map * p.coords + shift));
+    fn moved(mesh: &Mesh, map: &Matrix3<f64>, shift: Vector3<f64>) -> Mesh {
+        let places = mesh.positions().iter().map(|p| Point3::from(*map * p.coords + shift));
         mesh.with_positions(places.collect()).unwrap()
-    };
+    }
     for (scheme, mesh) in
         SCHEMES.into_iter().zip([sphere(2), torus(12, 8, false), torus(12, 8, false)])
     {
         let mesh = noisy(&mesh, 0.05);
         let options = options(Solver::Pcg, 1e-13);
-        let after = moved(&found(&mesh, scheme, &options).shape);
-        let before = found(&moved(&mesh), scheme, &options).shape;
+        let after = moved(&found(&mesh, scheme, &options).shape, &map, shift);
+        let before = found(&moved(&mesh, &map, shift), scheme, &options).shape;
         let pairs = before.positions().iter().zip(after.positions().iter());
         assert!(pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) <= 1e-9, "{scheme:?}");
     }
@@ -295,7 +300,7 @@ fn an_affine_map_before_is_the_same_map_after() {
 #[test]
 fn fixed_control_points_stay_and_the_others_still_interpolate() {
     let mesh = noisy(&bumpy(&sphere(2)), 0.02);
-    let fixed = Vec::from_iter((0..mesh.positions().len()).map(|vertex| vertex % 5 == 0));
+    let fixed: Vec<_> = (0..mesh.positions().len()).map(|vertex| vertex % 5 == 0).collect();
     for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
         let options = options(solver, 1e-11);
         let control = interpolate(&mesh, Scheme::Loop, &options, &fixed, &Progress::none());
@@ -327,21 +332,21 @@ fn limits_of_a_known_control_mesh_give_it_back() {
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let mesh = noisy(&bumpy(&sphere(4)), 0.01);
-    let run = |threads| {
+    fn run(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| found(&mesh, Scheme::Loop, &options(Solver::Pcg, 1e-9)).shape)
-    };
-    let first = run(1);
+        pool.install(|| found(mesh, Scheme::Loop, &options(Solver::Pcg, 1e-9)).shape)
+    }
+    let first = run(1, &mesh);
     for threads in [2, 8] {
-        assert_eq!(run(threads).positions(), first.positions());
+        assert_eq!(run(threads, &mesh).positions(), first.positions());
     }
 }
 
 #[test]
 fn what_cannot_be_interpolated_is_refused() {
-    let refused = |options: &InterpolateOptions| {
+    fn refused(options: &InterpolateOptions) -> InterpolateError {
         interpolate(&cube(), Scheme::DooSabin, options, &[], &Progress::none()).unwrap_err()
-    };
+    }
     let none = InterpolateOptions { boundary: Boundary::None, ..InterpolateOptions::default() };
     assert_eq!(refused(&none), InterpolateError::NoBorder);
     let how = Interpolation { foot: Foot::Closest, ..Interpolation::default() };

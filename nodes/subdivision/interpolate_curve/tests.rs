@@ -5,12 +5,17 @@ use super::*;
 use crate::solve::interpolation::{Direction, Norm, Solver};
 
 fn ring(radius: impl Fn(usize) -> [f64; 2]) -> Curve {
-    let point = |k: usize| {
-        let angle = TAU * k as f64 / 12.0;
-        let [x, y] = radius(k);
-        Point3::new(x * libm::cos(angle), y * libm::sin(angle), 0.0)
-    };
-    Curve::polyline((0..12).map(point).collect::<Vec<_>>(), true).unwrap()
+    Curve::polyline(
+        (0..12)
+            .map(|k: usize| {
+                let angle = TAU * k as f64 / 12.0;
+                let [x, y] = radius(k);
+                Point3::new(x * libm::cos(angle), y * libm::sin(angle), 0.0)
+            })
+            .collect::<Vec<_>>(),
+        true,
+    )
+    .unwrap()
 }
 
 fn ellipse() -> Curve {
@@ -23,11 +28,16 @@ fn star() -> Curve {
 
 /// An open curve in space.
 fn helix(count: u32) -> Curve {
-    let point = |k: u32| {
-        let t = f64::from(k) * TAU / 6.0;
-        Point3::new(5.0 * libm::cos(t), 5.0 * libm::sin(t), t)
-    };
-    Curve::polyline((0..count).map(point).collect::<Vec<_>>(), false).unwrap()
+    Curve::polyline(
+        (0..count)
+            .map(|k: u32| {
+                let t = f64::from(k) * TAU / 6.0;
+                Point3::new(5.0 * libm::cos(t), 5.0 * libm::sin(t), t)
+            })
+            .collect::<Vec<_>>(),
+        false,
+    )
+    .unwrap()
 }
 
 fn plain(foot: Foot) -> Interpolation {
@@ -50,7 +60,7 @@ fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
 
 #[test]
 fn the_geometric_iteration_needs_as_many_iterations_as_its_reference() {
-    let check = |curve: Curve, basis, foot, expected| {
+    fn check(curve: Curve, basis: CurveBasis, foot: Foot, expected: [u64; 4]) {
         for direction in [Direction::Residual, Direction::Normal] {
             // The direction is told at the foot, and a vertex's own limit point need not be one.
             if foot == Foot::Closest || direction == Direction::Residual {
@@ -58,7 +68,7 @@ fn the_geometric_iteration_needs_as_many_iterations_as_its_reference() {
                 assert_eq!(counts(&curve, basis, &how), expected, "{basis:?} {foot:?}");
             }
         }
-    };
+    }
     check(ellipse(), CurveBasis::Chaikin, Foot::Vertex, [1, 2, 3, 3]);
     check(ellipse(), CurveBasis::Chaikin, Foot::Closest, [2, 3, 5, 8]);
     check(ellipse(), CurveBasis::Cubic, Foot::Vertex, [1, 2, 3, 4]);
@@ -128,10 +138,14 @@ fn both_norms_stop_where_they_say() {
         let how = Interpolation { norm, tolerance: 1e-4, ..plain(Foot::Vertex) };
         let trace = interpolated(&star(), CurveBasis::Cubic, &how).trace;
         let allowed = 1e-4 * crate::solve::extent::diagonal(star().points());
-        let distances = Vec::from_iter(trace.steps().iter().map(|step| match norm {
-            Norm::Max => step.max,
-            Norm::Mean => step.rms,
-        }));
+        let distances: Vec<_> = trace
+            .steps()
+            .iter()
+            .map(|step| match norm {
+                Norm::Max => step.max,
+                Norm::Mean => step.rms,
+            })
+            .collect();
         let (last, before) = distances.split_last().unwrap();
         assert!(*last <= allowed && before.iter().all(|distance| *distance > allowed));
     }
@@ -139,9 +153,9 @@ fn both_norms_stop_where_they_say() {
 
 #[test]
 fn what_cannot_be_interpolated_is_refused() {
-    let refused = |curve: &Curve, basis, how: &Interpolation| {
+    fn refused(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> InterpolateCurveError {
         interpolate_curve(curve, basis, how, &Progress::none()).unwrap_err()
-    };
+    }
     let closest = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
     let not_linear = InterpolateCurveError::NotLinear(NotLinear { solver: Solver::Pcg });
     assert_eq!(refused(&star(), CurveBasis::Cubic, &closest), not_linear);
@@ -161,16 +175,23 @@ fn alternating_points_are_met_by_every_foot_and_direction() {
         .flat_map(|closed| [8, 13, 40].map(|count| (closed, count)))
         .flat_map(|(closed, count)| [0.1, 1.0, 10.0].map(|a| (closed, count, a)))
     {
-        let point = |k: u32| {
-            let sign = if k.is_multiple_of(2) { amplitude } else { -amplitude };
-            let angle = TAU * f64::from(k) / f64::from(count);
-            let radius = f64::from(count) / TAU;
-            match closed {
-                true => Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), sign),
-                false => Point3::new(f64::from(k), sign, 0.0),
-            }
-        };
-        let curve = Curve::polyline((0..count).map(point).collect::<Vec<_>>(), closed).unwrap();
+        let curve = Curve::polyline(
+            (0..count)
+                .map(|k: u32| {
+                    let sign = if k.is_multiple_of(2) { amplitude } else { -amplitude };
+                    let angle = TAU * f64::from(k) / f64::from(count);
+                    let radius = f64::from(count) / TAU;
+                    match closed {
+                        true => {
+                            Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), sign)
+                        }
+                        false => Point3::new(f64::from(k), sign, 0.0),
+                    }
+                })
+                .collect::<Vec<_>>(),
+            closed,
+        )
+        .unwrap();
         for basis in [CurveBasis::Chaikin, CurveBasis::Cubic, CurveBasis::BSpline(3)] {
             for (foot, direction) in [
                 (Foot::Vertex, Direction::Residual),

@@ -39,10 +39,12 @@ impl Composed {
             creases: mesh.creases().collect(),
         };
         let mut rows: Option<Stencils> = None;
-        let after = |rows: Option<Stencils>, next: Stencils| match rows {
-            Some(rows) => next.times(&rows),
-            None => next,
-        };
+        fn after(rows: Option<Stencils>, next: Stencils) -> Stencils {
+            match rows {
+                Some(rows) => next.times(&rows),
+                None => next,
+            }
+        }
         let mut step: Option<Step> = None;
         for _ in 0..levels {
             let refined = refinement(&topology)?;
@@ -98,9 +100,10 @@ pub(crate) fn laplacian(mesh: &Mesh) -> Stencils {
     let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
     let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
     let held = borders.map(|(&ends, _)| ends).chain(creases.map(|(ends, _)| ends));
-    for (lists, ends) in
-        [(&mut all, Vec::from_iter(edges.vertices.iter().copied())), (&mut sharp, held.collect())]
-    {
+    for (lists, ends) in [
+        (&mut all, edges.vertices.iter().copied().collect::<Vec<_>>()),
+        (&mut sharp, held.collect()),
+    ] {
         for [a, b] in ends {
             lists[a as usize].push(b);
             lists[b as usize].push(a);

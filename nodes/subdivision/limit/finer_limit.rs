@@ -88,17 +88,19 @@ impl FinerLimit {
         limit: &Mesh,
     ) -> Option<Mesh> {
         let (last, odd) = (&self.last, &self.last.odd);
-        let item = |vertex: u32| odd.binary_search_by_key(&vertex, |odd| odd[0]).ok();
-        let vertices = Vec::from_iter(rows.iter().cloned().flatten());
+        fn item(vertex: u32, odd: &[[u32; 2]]) -> Option<usize> {
+            odd.binary_search_by_key(&vertex, |odd| odd[0]).ok()
+        }
+        let vertices: Vec<_> = rows.iter().cloned().flatten().collect();
         let each = || vertices.par_iter().with_min_len(BLOCK);
-        let made = each().map(|&vertex| match item(vertex) {
+        let made = each().map(|&vertex| match item(vertex, odd) {
             Some(item) => (self.positions.apply_row(item, control), Vector3::zeros()),
             None => self.regular(control, vertex as usize),
         });
         let (places, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) = made.unzip();
         let moved = limit.with_moved(rows, &places).ok()?;
         let completed = each().zip(&normals).map_init(Vec::new, |faces, (&vertex, &normal)| {
-            let normal = match item(vertex) {
+            let normal = match item(vertex, odd) {
                 Some(item) => {
                     let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
                     let fallback = vertex_normal(&moved, last, odd[item][1], faces);
@@ -172,10 +174,12 @@ fn normal(first: Vector3<f64>, second: Vector3<f64>) -> Vector3<f64> {
 /// The bicubic B-spline: `(16 v + 4 sum e_j + sum d_j) / 36` and its derivatives.
 #[inline]
 fn b_spline(corners: &[u32], control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
-    let at = |half: u32| control[corners[half as usize] as usize].coords;
+    fn at(half: u32, control: &[Point3<f64>], corners: &[u32]) -> Vector3<f64> {
+        control[corners[half as usize] as usize].coords
+    }
     let around: [[Vector3<f64>; 2]; 4] = std::array::from_fn(|j| {
         let next = Quads.next(halves[j]);
-        [at(next), at(Quads.next(next))]
+        [at(next, control, corners), at(Quads.next(next), control, corners)]
     });
     let [[e0, d0], [e1, d1], [e2, d2], [e3, d3]] = around;
     let (edges, corners) = ((e0 + e1) + (e2 + e3), (d0 + d1) + (d2 + d3));

@@ -160,7 +160,9 @@ pub(crate) fn complete_normals(
     });
     let made: Vec<[f64; 3]> = made.collect();
     odd.iter().zip(made).for_each(|([vertex, _], normal)| normals[*vertex as usize] = normal);
-    let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
+    fn is_missing(normal: &[f64; 3]) -> bool {
+        *normal == [0.0; 3]
+    }
     if normals.par_iter().with_min_len(BLOCK).any(is_missing) {
         let missing = normals.iter_mut().zip(limit.vertex_normals());
         missing.filter(|(normal, _)| is_missing(normal)).for_each(|(to, from)| *to = from.into());

@@ -64,16 +64,18 @@ impl Masks for CatmullClarkMasks {
             return;
         }
         let angle = PI / q as f64;
-        let sine = |j: usize| libm::sin(j as f64 * angle);
+        fn sine(j: usize, angle: f64) -> f64 {
+            libm::sin(j as f64 * angle)
+        }
         let cosine = libm::cos(angle);
-        let ratio = (cosine + 1.0) / sine(1);
+        let ratio = (cosine + 1.0) / sine(1, angle);
         to.own = 4.0 * ratio * (cosine - 1.0);
         for (j, weight) in to.neighbors.iter_mut().enumerate() {
             let is_end = j == 0 || j == q;
-            *weight = if is_end { -ratio * (1.0 + 2.0 * cosine) } else { 4.0 * sine(j) };
+            *weight = if is_end { -ratio * (1.0 + 2.0 * cosine) } else { 4.0 * sine(j, angle) };
         }
         for (j, weight) in to.faces.iter_mut().enumerate() {
-            *weight = sine(j) + sine(j + 1);
+            *weight = sine(j, angle) + sine(j + 1, angle);
         }
     }
 }

@@ -33,7 +33,7 @@ pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     let per_corner = sides - 2;
     let row = |vertex: usize| vertex + per_corner * fans.starts[vertex] as usize;
     let entries = row(topology.vertices);
-    let masks = Vec::from_iter((0..=fans.most).map(|n| mask(scheme, n)));
+    let masks: Vec<_> = (0..=fans.most).map(|n| mask(scheme, n)).collect();
     let (mut indices, mut weights) = (vec![0u32; entries], vec![0.0; entries]);
     let mut jobs = Vec::with_capacity(topology.vertices.div_ceil(BLOCK));
     let (mut rest, mut rest_of_weights) = (&mut indices[..], &mut weights[..]);
@@ -178,14 +178,18 @@ mod tests {
             let rows = closed_rows(&topology).unwrap();
             let general = Limit::new(&topology).unwrap().positions;
             for vertex in 0..topology.vertices {
-                let dense = |rows: &Stencils| {
-                    let mut dense = vec![0.0; topology.vertices];
+                fn dense(rows: &Stencils, vertex: usize, vertices: usize) -> Vec<f64> {
+                    let mut dense = vec![0.0; vertices];
                     let (indices, weights) = rows.row(vertex);
                     let entries = indices.iter().zip(weights);
                     entries.for_each(|(&k, weight)| dense[k as usize] += weight);
                     dense
-                };
-                for (a, b) in dense(&rows).into_iter().zip(dense(&general)) {
+                }
+                for (a, b) in dense(&rows, vertex, topology.vertices).into_iter().zip(dense(
+                    &general,
+                    vertex,
+                    topology.vertices,
+                )) {
                     assert!((a - b).abs() < 1e-15, "{scheme:?} {vertex} {a} {b}");
                 }
             }
@@ -194,15 +198,17 @@ mod tests {
 
     #[test]
     fn what_is_not_closed_or_smooth_or_manifold_is_left_alone() {
-        let left = |mesh: &Mesh, scheme| closed_rows(&topology(mesh, scheme)).is_none();
-        let open = select_faces(&sphere(1), &Vec::from_iter(1..80)).unwrap();
+        fn left(mesh: &Mesh, scheme: Scheme) -> bool {
+            closed_rows(&topology(mesh, scheme)).is_none()
+        }
+        let open = select_faces(&sphere(1), &(1..80).collect::<Vec<_>>()).unwrap();
         assert!(left(&open, Scheme::Loop));
         assert!(left(&sphere(1).with_creases([([0, 12], 2.0)]).unwrap(), Scheme::Loop));
         assert!(left(&prism(5), Scheme::CatmullClark));
         assert!(left(&sphere(1), Scheme::CatmullClark));
-        let shape = |triangles: Vec<[u32; 3]>| {
+        fn shape(triangles: Vec<[u32; 3]>) -> Mesh {
             Mesh::new(vec![Point3::origin(); 7], Faces::triangles(triangles)).unwrap()
-        };
+        }
         let whole = tetrahedron().faces().as_triangles().unwrap().to_vec();
         let other = whole.iter().map(|face| face.map(|k| if k == 0 { 0 } else { k + 3 }));
         let joined = shape(whole.iter().copied().chain(other).collect());

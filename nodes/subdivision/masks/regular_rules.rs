@@ -102,13 +102,16 @@ impl RegularRules for Triangles {
         old: &[Point3<f64>],
         _: &[Point3<f64>],
     ) -> Point3<f64> {
-        let at = |half: u32| old[corners[half as usize] as usize].coords;
+        fn at(half: u32, old: &[Point3<f64>], corners: &[u32]) -> nalgebra::Vector3<f64> {
+            old[corners[half as usize] as usize].coords
+        }
         let next = walk.next(owner);
-        let [a, b, c] = [at(owner), at(next), at(walk.next(next))];
+        let [a, b, c] =
+            [at(owner, old, corners), at(next, old, corners), at(walk.next(next), old, corners)];
         if twin == NONE {
             return ((a + b) * 0.5).into();
         }
-        let d = at(walk.next(walk.next(twin)));
+        let d = at(walk.next(walk.next(twin)), old, corners);
         ((a + b) * 0.375 + (c + d) * 0.125).into()
     }
 }

@@ -75,8 +75,9 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
     /// else as far as the edge is. By Chaikin's rule that can be a little above 1, as in OpenSubdiv, which does not limit it.
     pub(crate) fn share(&self, edge: u32) -> f64 {
         let sharpness = self.of(edge);
-        let last = |end: u32| self.softened(end, sharpness) > 0.0;
-        match sharpness > 0.0 && self.mesh.ends(edge).into_iter().all(last) {
+        match sharpness > 0.0
+            && self.mesh.ends(edge).into_iter().all(|end: u32| self.softened(end, sharpness) > 0.0)
+        {
             true => 1.0,
             false => sharpness,
         }

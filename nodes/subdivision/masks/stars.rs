@@ -118,13 +118,15 @@ impl<H: HalfEdges, M: Masks> Stars<'_, H, M> {
             [&edges.before, &edges.after].map(|sharpness| self.sharpness.class(ring, sharpness));
         weights.clear(ring.neighbors.len(), ring.n_faces());
         let smooth = self.masks.vertex(ring.neighbors.len().max(1));
-        let mut add = |class, share| weights.add(class, share, smooth, [0.75, 0.125]);
+        fn add(class: Class, share: f64, smooth: [f64; 3], weights: &mut Weights) {
+            weights.add(class, share, smooth, [0.75, 0.125])
+        }
         if classes[0] == classes[1] {
-            add(classes[0], 1.0);
+            add(classes[0], 1.0, smooth, weights);
         } else {
             let share = edges.share();
-            add(classes[0], share);
-            add(classes[1], 1.0 - share);
+            add(classes[0], share, smooth, weights);
+            add(classes[1], 1.0 - share, smooth, weights);
         }
         rows.push(vertex, weights.own);
         push_neighbors(rows, ring, weights);

@@ -19,8 +19,10 @@ pub(crate) fn turn(j: usize, n: usize) -> [f64; 2] {
 
 /// The cosines and sines of all of `n` parts.
 pub(crate) fn turns(n: usize) -> Cow<'static, [[f64; 2]]> {
-    let computed = || Cow::Owned((0..n).map(|j| compute(j, n)).collect());
-    TURNS.get(n).map_or_else(computed, |turns| Cow::Borrowed(&turns[..]))
+    TURNS.get(n).map_or_else(
+        || Cow::Owned((0..n).map(|j| compute(j, n)).collect()),
+        |turns| Cow::Borrowed(&turns[..]),
+    )
 }
 
 fn compute(j: usize, n: usize) -> [f64; 2] {

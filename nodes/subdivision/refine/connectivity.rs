@@ -138,11 +138,16 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), SubdivideError>
     if edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2) {
         return Ok(());
     }
-    let start = |half: u32| mesh.corners()[half as usize];
-    let is_bad = |edge: &usize| {
-        let [owner, twin] = mesh.halves[*edge];
-        edges.faces[*edge] > 2 || (edges.faces[*edge] == 2 && start(owner) == start(twin))
-    };
-    let bad = (0..mesh.halves.len()).filter(is_bad).map(|edge| edges.vertices[edge]).collect();
+    fn start(half: u32, mesh: &Connectivity) -> u32 {
+        mesh.corners()[half as usize]
+    }
+    let bad = (0..mesh.halves.len())
+        .filter(|edge| {
+            let [owner, twin] = mesh.halves[*edge];
+            edges.faces[*edge] > 2
+                || (edges.faces[*edge] == 2 && start(owner, mesh) == start(twin, mesh))
+        })
+        .map(|edge| edges.vertices[edge])
+        .collect();
     Err(SubdivideError::NonManifold { edges: bad, vertices: Vec::new() })
 }

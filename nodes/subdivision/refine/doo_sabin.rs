@@ -114,14 +114,16 @@ impl Dual {
         let blocks = self.starts.par_chunks(BLOCK).enumerate();
         let around = blocks.map(|(block, starts)| self.around(block, starts, rings));
         let around: Vec<Around> = around.collect();
-        let count = |list: fn(&Around) -> usize| around.iter().map(list).sum::<usize>();
+        fn count(list: fn(&Around) -> usize, around: &[Around]) -> usize {
+            around.iter().map(list).sum::<usize>()
+        }
 
-        let mut sides = huge_vec(n_faces + self.edges.len() + count(|it| it.sides.len()));
+        let mut sides = huge_vec(n_faces + self.edges.len() + count(|it| it.sides.len(), &around));
         sides.clear();
         sides.extend(mesh.faces.iter().map(<[u32]>::len));
         sides.resize(n_faces + self.edges.len(), 4);
         let across = inner + 4 * self.edges.len();
-        let mut corners = huge_vec(across + count(|it| it.corners.len()));
+        let mut corners = huge_vec(across + count(|it| it.corners.len(), &around));
         let own = corners[..inner].par_iter_mut().enumerate().with_min_len(BLOCK);
         own.for_each(|(half, to)| *to = half as u32);
         let quads = corners[inner..across].as_chunks_mut::<4>().0.par_iter_mut();
@@ -255,8 +257,11 @@ impl Dual {
                 twin => [Some(mesh.next(twin)), Some(twin)],
             };
             for ((near, seam), other) in beyond.into_iter().zip(others) {
-                let is_joined = |other: &u32| old[*other as usize] == old[near as usize];
-                new.push(other.filter(is_joined).map_or(seam, |other| inner[other as usize]));
+                new.push(
+                    other
+                        .filter(|other| old[*other as usize] == old[near as usize])
+                        .map_or(seam, |other| inner[other as usize]),
+                );
             }
         }
         let mut ring = Ring::default();
@@ -268,8 +273,11 @@ impl Dual {
             if !ring.closed {
                 new.push(along(ring.halves[0], 0.25));
             }
-            let joined = |&half: &u32| if is_joined(half) { inner[half as usize] } else { first };
-            new.extend(ring.halves.iter().map(joined));
+            new.extend(
+                ring.halves
+                    .iter()
+                    .map(|&half| if is_joined(half) { inner[half as usize] } else { first }),
+            );
             if !ring.closed {
                 let on_border = along(mesh.previous(last), 0.75);
                 new.push(if is_joined(last) { on_border } else { first });

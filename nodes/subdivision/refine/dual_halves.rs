@@ -166,7 +166,7 @@ impl DualFaces<'_> {
 
 /// A half-edge from each new vertex: at the border the one along it.
 fn starts(faces: &Faces, halves: &[[u32; 2]], inner: usize, vertices: usize) -> Vec<u32> {
-    let mut starts = Vec::from_iter(0..inner as u32);
+    let mut starts: Vec<_> = (0..inner as u32).collect();
     starts.resize(vertices, NONE);
     if halves.par_iter().with_min_len(BLOCK).all(|[_, twin]| *twin != NONE) {
         return starts;
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn the_half_edges_are_those_of_a_search() {
-        let open = select_faces(&torus(6, 5, false), &Vec::from_iter(0..17)).unwrap();
+        let open = select_faces(&torus(6, 5, false), &(0..17).collect::<Vec<_>>()).unwrap();
         let one = select_faces(&cube(), &[3]).unwrap();
         for mesh in [cube(), prism(5), sphere(0), torus(5, 4, false), open, one] {
             for boundary in [Boundary::EdgeAndCorner, Boundary::None] {

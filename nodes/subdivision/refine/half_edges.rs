@@ -88,11 +88,10 @@ pub(crate) trait HalfEdges: Sync {
 
     /// The half-edges from the vertex from which `start` runs, counter-clockwise, to a boundary or all around.
     fn fan(&self, start: u32) -> impl Iterator<Item = u32> {
-        let after = move |&half: &u32| {
+        iter::successors((start != NONE).then_some(start), move |&half| {
             let after = self.twin(self.previous(half));
             (after != NONE && after != start).then_some(after)
-        };
-        iter::successors((start != NONE).then_some(start), after)
+        })
     }
 
     /// Fills `ring` with what lies around the vertex from which `start` runs, at a boundary the clockwise-most half-edge.

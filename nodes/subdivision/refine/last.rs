@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_half_edges_are_those_of_lists() {
-        let open = select_faces(&sphere(1), &Vec::from_iter(0..17)).unwrap();
+        let open = select_faces(&sphere(1), &(0..17).collect::<Vec<_>>()).unwrap();
         let quads = [cube(), prism(5), torus(5, 4, false)].map(|m| (Scheme::CatmullClark, m));
         let triangles = [sphere(0), open].map(|m| (Scheme::Loop, m));
         for (scheme, mesh) in quads.into_iter().chain(triangles) {

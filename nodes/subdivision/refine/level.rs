@@ -117,11 +117,10 @@ impl Level {
             [mesh.vertices as u32 + edge, split.second(mesh, owner)]
         });
         let in_faces = (mesh.vertices + mesh.halves.len()) as u32;
-        let is_odd = |face: &u32| mesh.faces.face(*face as usize).len() != 4;
         let has_odd = self.rules.scheme.has_middles() && mesh.faces.sides() != Some(4);
         let faces = 0..if has_odd { mesh.faces.len() as u32 } else { 0 };
         let in_faces = faces
-            .filter(is_odd)
+            .filter(|face| mesh.faces.face(*face as usize).len() != 4)
             .map(|face| [in_faces + face, 4 * mesh.faces.first_corner(face as usize) as u32 + 2]);
         old.chain(on_edges).chain(in_faces).collect()
     }
@@ -185,11 +184,14 @@ impl Level {
         let levels = iter::successors(Some(self), |level| level.coarser.as_deref()).take(STEPS);
         let levels = Vec::from_iter(levels);
         let faces = &levels[levels.len() - 1].mesh.faces;
-        let corner = |face: usize| faces.first_corner(face.min(faces.len()));
+        fn corner(face: usize, faces: &Faces) -> usize {
+            faces.first_corner(face.min(faces.len()))
+        }
         let size = BLOCK >> (2 * levels.len());
         let starts = (0..faces.len()).step_by(size);
-        let corners = starts.map(|face| corner(face)..corner(face + size));
-        let mut tasks = Vec::from_iter(corners.map(|corners| (corners, Vec::with_capacity(STEPS))));
+        let corners = starts.map(|face| corner(face, faces)..corner(face + size, faces));
+        let mut tasks: Vec<_> =
+            corners.map(|corners| (corners, Vec::with_capacity(STEPS))).collect();
         let (mut own, mut older) = (to, age);
         for (level, steps) in levels.iter().zip((0..levels.len()).rev()) {
             let mesh = &level.mesh;
@@ -402,7 +404,7 @@ fn rings<K: Split>(
 /// The sharp edges by number: the given creases and the border.
 pub(crate) fn creases(topology: &Topology, mesh: &Connectivity) -> Vec<(u32, f64)> {
     let known = &topology.creases;
-    let sharpness = |edge: u32| {
+    fn sharpness(edge: u32, mesh: &Connectivity, known: &[([u32; 2], f64)]) -> f64 {
         if mesh.is_boundary(edge) {
             return f64::INFINITY;
         }
@@ -415,8 +417,8 @@ pub(crate) fn creases(topology: &Topology, mesh: &Connectivity) -> Vec<(u32, f64
             Ok(crease) => known[crease].1,
             Err(_) => 0.0,
         }
-    };
-    let edges = (0..mesh.halves.len() as u32).map(|edge| (edge, sharpness(edge)));
+    }
+    let edges = (0..mesh.halves.len() as u32).map(|edge| (edge, sharpness(edge, mesh, known)));
     edges.filter(|(_, sharpness)| *sharpness > 0.0).collect()
 }
 

@@ -143,9 +143,16 @@ impl Part {
     /// between two of the faces are among them.
     fn add_edges(&mut self, step: &Primal, level: usize) {
         let mesh = &step.level.mesh;
-        let edge = |half: u32| mesh.halves.partition_point(|[owner, _]| *owner < half);
-        let vertex = |half: u32| (mesh.vertices + edge(half)) as u32;
-        let rows = Rows::from_iter(self.finer(level).map(|row| vertex(row.start)..vertex(row.end)));
+        fn edge(half: u32, mesh_halves: &[[u32; 2]]) -> usize {
+            mesh_halves.partition_point(|[owner, _]| *owner < half)
+        }
+        fn vertex(half: u32, mesh_vertices: usize, mesh_halves: &[[u32; 2]]) -> u32 {
+            (mesh_vertices + edge(half, mesh_halves)) as u32
+        }
+        let rows = Rows::from_iter(self.finer(level).map(|row| {
+            vertex(row.start, mesh.vertices, &mesh.halves)
+                ..vertex(row.end, mesh.vertices, &mesh.halves)
+        }));
         self.vertices.extend(rows);
     }
 
@@ -164,11 +171,14 @@ fn surroundings(faces: &Faces, vertices: usize, moved: &[u32], wider: usize) -> 
     let mut grow = || {
         let near =
             |face: &u32| faces.face(*face as usize).iter().any(|&vertex| is_near[vertex as usize]);
-        let near = Vec::from_iter((0..faces.len() as u32).filter(near));
+        let near: Vec<_> = (0..faces.len() as u32).filter(near).collect();
         let corners = near.iter().flat_map(|&face| faces.face(face as usize));
         corners.for_each(|&vertex| is_near[vertex as usize] = true);
-        let corner = |face: u32| faces.first_corner(face as usize) as u32;
-        let halves = in_rows(&near).into_iter().map(|row| corner(row.start)..corner(row.end));
+        fn corner(face: u32, faces: &Faces) -> u32 {
+            faces.first_corner(face as usize) as u32
+        }
+        let halves =
+            in_rows(&near).into_iter().map(|row| corner(row.start, faces)..corner(row.end, faces));
         let vertices = (0..vertices as u32).filter(|&vertex| is_near[vertex as usize]);
         Part { halves: halves.collect(), vertices: in_rows(&Vec::from_iter(vertices)) }
     };

@@ -132,7 +132,9 @@ mod tests {
 
     #[test]
     fn two_tetrahedra_that_share_an_edge_are_closed_again() {
-        let tetrahedron = |[a, b, c, d]: [u32; 4]| [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
+        fn tetrahedron([a, b, c, d]: [u32; 4]) -> [[u32; 3]; 4] {
+            [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
+        }
         let both = [tetrahedron([0, 1, 2, 3]), tetrahedron([0, 1, 4, 5])].concat();
         let surface = manifold(&of(both)).unwrap();
         assert_eq!(surface.positions().len(), 8);

@@ -46,14 +46,18 @@ impl Plan {
     /// # Errors
     /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
     pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        let step = |before: Before<'_>| match before {
-            Before::Nothing(topology) => Step::first(topology),
-            Before::Step(step) => step.next(),
-        };
-        Self::with(mesh, how, step, |before| match before {
-            Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
-            Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
-        })
+        Self::with(
+            mesh,
+            how,
+            |before: Before<'_>| match before {
+                Before::Nothing(topology) => Step::first(topology),
+                Before::Step(step) => step.next(),
+            },
+            |before| match before {
+                Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
+                Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
+            },
+        )
     }
 
     /// [`Self::new`] with parts from `step` and `limit`.

@@ -161,12 +161,15 @@ impl Primal {
             let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
             (kind.regular(old[vertex], neighbors, faces), ())
         });
-        let column = |column: u32| match old.get(column as usize) {
-            Some(point) => *point,
-            None => in_faces[column as usize - old.len()],
-        };
         let rows = (0..self.stencils.len()).into_par_iter().with_min_len(BLOCK);
-        let odd: Vec<Point3<f64>> = rows.map(|row| self.stencils.point(row, column)).collect();
+        let odd: Vec<Point3<f64>> = rows
+            .map(|row| {
+                self.stencils.point(row, |column: u32| match old.get(column as usize) {
+                    Some(point) => *point,
+                    None => in_faces[column as usize - old.len()],
+                })
+            })
+            .collect();
         self.odd_rows.iter().zip(odd).for_each(|(&row, point)| new[row as usize] = point);
         new
     }
@@ -318,12 +321,11 @@ impl Primal {
     /// The centroids of the faces, as far as there is place for them.
     fn centroids(&self, old: &[Point3<f64>], to: &mut [Point3<f64>]) {
         let faces = &self.level.mesh.faces;
-        let at = |&corner: &u32| old[corner as usize].coords;
         to.par_chunks_mut(BLOCK).enumerate().for_each(|(block, to)| {
             if faces.sides() == Some(4) {
                 let quads = faces.corners()[4 * BLOCK * block..].as_chunks::<4>().0;
                 for (to, quad) in to.iter_mut().zip(quads) {
-                    let [a, b, c, d] = quad.each_ref().map(at);
+                    let [a, b, c, d] = quad.each_ref().map(|&corner| old[corner as usize].coords);
                     *to = (((a + b) + (c + d)) * 0.25).into();
                 }
             } else {

@@ -147,11 +147,13 @@ impl Split for Corners {
 
     #[inline]
     fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize) {
-        let quad = |k: u32| 4 * (first + k);
-        let last = [quad(0) + 2, quad(sides - 1) + 1];
+        fn quad(k: u32, first: u32) -> u32 {
+            4 * (first + k)
+        }
+        let last = [quad(0, first) + 2, quad(sides - 1, first) + 1];
         match sides - k {
             1 => ([last, last], 0),
-            _ => ([[quad(k) + 1, quad(k + 1) + 2], last], if k == 0 { 2 } else { 1 }),
+            _ => ([[quad(k, first) + 1, quad(k + 1, first) + 2], last], if k == 0 { 2 } else { 1 }),
         }
     }
 

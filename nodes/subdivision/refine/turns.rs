@@ -28,8 +28,12 @@ impl Turns {
                         here.flat_map(|k| iter::repeat_n(k as u32, faces.face(k).len()));
                     to.iter_mut().zip(of_halves).for_each(|(to, face)| *to = face);
                 });
-                let first = |face: usize| faces.first_corner(face) as u32;
-                Self::Polygons(of_halves, Vec::from_iter((0..=faces.len()).map(first)))
+                Self::Polygons(
+                    of_halves,
+                    (0..=faces.len())
+                        .map(|face: usize| faces.first_corner(face) as u32)
+                        .collect::<Vec<_>>(),
+                )
             }
         }
     }

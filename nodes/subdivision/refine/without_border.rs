@@ -14,8 +14,9 @@ pub(crate) fn without_border(
     border.flat_map(|(ends, _)| ends).for_each(|&end| on_border[end as usize] = true);
     let touches: Vec<bool> =
         mesh.faces().iter().map(|face| face.iter().any(|&v| on_border[v as usize])).collect();
-    let kept = |face: &u32| !touches[ancestors[*face as usize] as usize];
-    let faces: Vec<u32> = (0..refined.faces().len() as u32).filter(kept).collect();
+    let faces: Vec<u32> = (0..refined.faces().len() as u32)
+        .filter(|face| !touches[ancestors[*face as usize] as usize])
+        .collect();
     select_faces(refined, &faces)
 }
 

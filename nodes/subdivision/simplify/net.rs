@@ -88,8 +88,10 @@ impl Net {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let places = mesh.positions().to_vec();
         let corners = mesh.triangle_corners();
-        let vertex = |corner: u32| mesh.faces().corners()[corner as usize];
-        let triangles = Vec::from_iter(corners.iter().map(|it| it.map(vertex)));
+        let triangles: Vec<_> = corners
+            .iter()
+            .map(|it| it.map(|corner: u32| mesh.faces().corners()[corner as usize]))
+            .collect();
         let parents = (0..).zip(mesh.faces().iter());
         let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
         let parents = Vec::from_iter(parents);
@@ -177,11 +179,10 @@ impl Net {
         sides.sort_unstable();
         sides.dedup();
         let others = [(0, a), (1, b)].map(|(end, vertex)| {
-            let is_other = |&face: &u32| {
+            self.around[vertex as usize].iter().any(|&face| {
                 let wedge = self.corner(face, vertex).map(|k| wedges.of(face)[k]);
                 !sides.iter().any(|side| Some(side[end]) == wedge)
-            };
-            self.around[vertex as usize].iter().any(is_other)
+            })
         });
         (sides, others)
     }
@@ -196,7 +197,7 @@ impl Net {
         let along = self.places[b as usize] - self.places[a as usize];
         let at = self.places[a as usize].coords;
         let faces = self.around[a as usize].iter().map(|&face| self.triangles[face as usize]);
-        let faces = Vec::from_iter(faces.filter(|face| face.contains(&b)));
+        let faces: Vec<_> = faces.filter(|face| face.contains(&b)).collect();
         for face in faces {
             if let Some(normal) = along.cross(&self.area(face)).try_normalize(0.0) {
                 let plane = Quadric::plane(normal, at, weight * along.norm_squared());
@@ -213,7 +214,7 @@ impl Net {
 
     pub(super) fn edges(&self) -> Vec<[u32; 2]> {
         let edges = self.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let mut edges = Vec::from_iter(edges.map(|[a, b]| [a.min(b), a.max(b)]));
+        let mut edges: Vec<_> = edges.map(|[a, b]| [a.min(b), a.max(b)]).collect();
         edges.sort_unstable();
         edges.dedup();
         edges
@@ -223,7 +224,7 @@ impl Net {
     pub(super) fn neighbors(&self, vertex: u32) -> Vec<u32> {
         let faces = self.around[vertex as usize].iter();
         let corners = faces.flat_map(|&face| self.triangles[face as usize]);
-        let mut neighbors = Vec::from_iter(corners.filter(|&corner| corner != vertex));
+        let mut neighbors: Vec<_> = corners.filter(|&corner| corner != vertex).collect();
         neighbors.sort_unstable();
         neighbors.dedup();
         neighbors
@@ -278,20 +279,24 @@ impl Net {
     /// Whether the surface stays one, and no face turns over.
     pub(super) fn allows(&self, collapse: &Collapse) -> bool {
         let [a, b] = collapse.ends;
-        let both = |&&face: &&u32| self.triangles[face as usize].contains(&b);
-        let shared = Vec::from_iter(self.around[a as usize].iter().filter(both));
+        let shared: Vec<_> = self.around[a as usize]
+            .iter()
+            .filter(|&&face| self.triangles[face as usize].contains(&b))
+            .collect();
         let other = self.neighbors(b);
         let common = self.neighbors(a).into_iter().filter(|v| other.binary_search(v).is_ok());
-        let mut apexes = Vec::from_iter(shared.iter().flat_map(|&&face| {
-            self.triangles[face as usize].into_iter().filter(|v| *v != a && *v != b)
-        }));
+        let mut apexes: Vec<_> = shared
+            .iter()
+            .flat_map(|&&face| {
+                self.triangles[face as usize].into_iter().filter(|v| *v != a && *v != b)
+            })
+            .collect();
         apexes.sort_unstable();
         if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
             return false;
         }
         // A crease of three edges around a face would become a line there and back.
-        let closes = |v: &u32| self.is_sharp([a, *v]) && self.is_sharp([b, *v]);
-        !apexes.iter().any(closes)
+        !apexes.iter().any(|v| self.is_sharp([a, *v]) && self.is_sharp([b, *v]))
             && self.keeps_sides(collapse, a, b)
             && self.keeps_sides(collapse, b, a)
     }
@@ -302,8 +307,8 @@ impl Net {
         let mut faces = faces.filter(|face| !face.contains(&other));
         faces.all(|face| {
             let before = self.area(face);
-            let place = |v: u32| if v == vertex { collapse.place } else { self.places[v as usize] };
-            let [p, q, r] = face.map(place);
+            let [p, q, r] = face
+                .map(|v: u32| if v == vertex { collapse.place } else { self.places[v as usize] });
             let after = (q - p).cross(&(r - p));
             let turned = before.dot(&after) < LEAST_COSINE * before.norm() * after.norm();
             // What had no area may stay without.
@@ -383,13 +388,13 @@ impl Net {
     /// What is left, vertices and faces in their old order.
     pub(super) fn into_mesh(self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         const GONE: u32 = u32::MAX;
-        let faces = Vec::from_iter((0..self.alive.len()).filter(|&face| self.alive[face]));
+        let faces: Vec<_> = (0..self.alive.len()).filter(|&face| self.alive[face]).collect();
         let mut names = vec![GONE; self.places.len()];
         let corners = faces.iter().flat_map(|&face| self.triangles[face]);
         corners.for_each(|vertex| names[vertex as usize] = 0);
-        let kept = Vec::from_iter((0..names.len() as u32).filter(|&v| names[v as usize] != GONE));
+        let kept: Vec<_> = (0..names.len() as u32).filter(|&v| names[v as usize] != GONE).collect();
         (0..).zip(&kept).for_each(|(new, &old)| names[old as usize] = new);
-        let places = Vec::from_iter(kept.iter().map(|&vertex| self.places[vertex as usize]));
+        let places: Vec<_> = kept.iter().map(|&vertex| self.places[vertex as usize]).collect();
         let triangles = faces.iter().map(|&face| self.triangles[face].map(|v| names[v as usize]));
         let creases = kept.iter().flat_map(|&a| self.sharp[a as usize].iter().map(move |s| (a, s)));
         let creases = creases.filter(|(a, (b, sharpness))| a < b && *sharpness > 0.0);
@@ -402,7 +407,7 @@ impl Net {
         for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
             simple = simple.with_vertex(name, merged.attribute(attribute))?;
         }
-        let parents = Vec::from_iter(faces.iter().map(|&face| self.parents[face]));
+        let parents: Vec<_> = faces.iter().map(|&face| self.parents[face]).collect();
         for (name, attribute) in mesh.face().iter() {
             simple = simple.with_face(name, attribute.select(&parents))?;
         }

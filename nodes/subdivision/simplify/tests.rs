@@ -5,13 +5,14 @@ use super::*;
 
 /// A square sheet of `n` by `n` cells over the unit square, lifted by `height`.
 fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let at = |k: u32| {
-        let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| f64::from(k) / f64::from(n));
-        Point3::new(x, y, height(x, y))
-    };
     let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
     let faces = cells.flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]);
-    let places: Vec<_> = (0..(n + 1) * (n + 1)).map(at).collect();
+    let places: Vec<_> = (0..(n + 1) * (n + 1))
+        .map(|k: u32| {
+            let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| f64::from(k) / f64::from(n));
+            Point3::new(x, y, height(x, y))
+        })
+        .collect();
     Mesh::new(places, Faces::triangles(faces.collect())).unwrap()
 }
 
@@ -20,8 +21,11 @@ fn simple(mesh: &Mesh, target: usize) -> Mesh {
 }
 
 fn area(mesh: &Mesh) -> f64 {
-    let corners = |face: &[u32]| [0, 1, 2].map(|k| mesh.positions()[face[k] as usize]);
-    let twice = mesh.faces().iter().map(corners).map(|[a, b, c]| (b - a).cross(&(c - a)).norm());
+    let twice = mesh
+        .faces()
+        .iter()
+        .map(|face| [0, 1, 2].map(|k| mesh.positions()[face[k] as usize]))
+        .map(|[a, b, c]| (b - a).cross(&(c - a)).norm());
     twice.sum::<f64>() / 2.0
 }
 
@@ -30,7 +34,8 @@ fn a_flat_sheet_becomes_two_triangles_and_keeps_its_corners() {
     let flat = simple(&sheet(16, |_, _| 0.0), 2);
     assert_eq!(flat.faces().len(), 2);
     assert!((area(&flat) - 1.0).abs() < 1e-12);
-    let mut places = Vec::from_iter(flat.positions().iter().map(|p| [p.x, p.y].map(|x| x as i32)));
+    let mut places: Vec<_> =
+        flat.positions().iter().map(|p| [p.x, p.y].map(|x| x as i32)).collect();
     places.sort_unstable();
     assert_eq!(places, [[0, 0], [0, 1], [1, 0], [1, 1]]);
 }
@@ -38,11 +43,16 @@ fn a_flat_sheet_becomes_two_triangles_and_keeps_its_corners() {
 /// A flat sheet of `n` by `n` cells in a plane that no coordinate is constant in.
 fn tilted(n: u32) -> Mesh {
     let flat = sheet(n, |_, _| 0.0);
-    let place = |p: &Point3<f64>| {
-        let (y, z) = (0.8 * p.y, 0.6 * p.y);
-        Point3::new(0.6 * p.x - 0.8 * z + 3.0, y, 0.8 * p.x + 0.6 * z + 7.0)
-    };
-    flat.with_positions(flat.positions().iter().map(place).collect()).unwrap()
+    flat.with_positions(
+        flat.positions()
+            .iter()
+            .map(|p| {
+                let (y, z) = (0.8 * p.y, 0.6 * p.y);
+                Point3::new(0.6 * p.x - 0.8 * z + 3.0, y, 0.8 * p.x + 0.6 * z + 7.0)
+            })
+            .collect(),
+    )
+    .unwrap()
 }
 
 #[test]
@@ -69,12 +79,17 @@ fn what_is_flat_takes_no_more_work_for_each_vertex_if_it_is_finer() {
 fn what_is_flat_is_left_in_even_triangles() {
     for flat in [sheet(40, |_, _| 0.0), tilted(40)] {
         let coarse = simple(&flat, 160);
-        let mut evenness = Vec::from_iter(coarse.faces().iter().map(|face| {
-            let [a, b, c] = [0, 1, 2].map(|k| coarse.positions()[face[k] as usize]);
-            let sides = (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
-            // 1 for three equal sides.
-            12_f64.sqrt() * (b - a).cross(&(c - a)).norm() / sides
-        }));
+        let mut evenness: Vec<_> = coarse
+            .faces()
+            .iter()
+            .map(|face| {
+                let [a, b, c] = [0, 1, 2].map(|k| coarse.positions()[face[k] as usize]);
+                let sides =
+                    (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
+                // 1 for three equal sides.
+                12_f64.sqrt() * (b - a).cross(&(c - a)).norm() / sides
+            })
+            .collect();
         evenness.sort_by(f64::total_cmp);
         assert!(0.1 < evenness[0] && 0.6 < evenness[evenness.len() / 10], "{evenness:?}");
     }
@@ -82,7 +97,9 @@ fn what_is_flat_is_left_in_even_triangles() {
 
 #[test]
 fn a_wave_keeps_its_shape_with_a_tenth_of_the_faces() {
-    let height = |x: f64, y: f64| 0.1 * libm::sin(6.0 * x) * libm::cos(4.0 * y);
+    fn height(x: f64, y: f64) -> f64 {
+        0.1 * libm::sin(6.0 * x) * libm::cos(4.0 * y)
+    }
     let fine = sheet(60, height);
     let coarse = simple(&fine, 720);
     assert!(coarse.faces().len() <= 720);
@@ -100,20 +117,30 @@ fn a_wave_keeps_its_shape_with_a_tenth_of_the_faces() {
 fn a_closed_mesh_stays_closed_and_of_its_kind() {
     // A torus of 40 by 20 quads, cut into triangles.
     let (n, m) = (40u32, 20u32);
-    let at = |k: u32| {
-        let [u, v] = [f64::from(k % n) / f64::from(n), f64::from(k / n) / f64::from(m)]
-            .map(|t| t * std::f64::consts::TAU);
-        let radius = 2.0 + 0.7 * libm::cos(v);
-        Point3::new(radius * libm::cos(u), radius * libm::sin(u), 0.7 * libm::sin(v))
-    };
-    let name = |i: u32, j: u32| i % n + j % m * n;
+    fn name(i: u32, j: u32, n: u32, m: u32) -> u32 {
+        i % n + j % m * n
+    }
     let cells = (0..n * m).map(|k| (k % n, k / n));
     let faces = cells.flat_map(|(i, j)| {
-        let [a, b, c, d] = [name(i, j), name(i + 1, j), name(i + 1, j + 1), name(i, j + 1)];
+        let [a, b, c, d] = [
+            name(i, j, n, m),
+            name(i + 1, j, n, m),
+            name(i + 1, j + 1, n, m),
+            name(i, j + 1, n, m),
+        ];
         [[a, b, c], [a, c, d]]
     });
-    let torus =
-        Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), Faces::triangles(faces.collect()));
+    let torus = Mesh::new(
+        (0..n * m)
+            .map(|k: u32| {
+                let [u, v] = [f64::from(k % n) / f64::from(n), f64::from(k / n) / f64::from(m)]
+                    .map(|t| t * std::f64::consts::TAU);
+                let radius = 2.0 + 0.7 * libm::cos(v);
+                Point3::new(radius * libm::cos(u), radius * libm::sin(u), 0.7 * libm::sin(v))
+            })
+            .collect::<Vec<_>>(),
+        Faces::triangles(faces.collect()),
+    );
     let coarse = simple(&torus.unwrap(), 200);
     let edges = coarse.edges();
     assert!(coarse.faces().len() <= 200 && edges.faces.iter().all(|&faces| faces == 2));
@@ -162,22 +189,25 @@ fn attributes_go_with_their_vertices_and_faces() {
 
 /// A tube of `n` faces around and along, of which the texture is cut open along a line and lies at its place times its size in mm.
 fn textured_tube(n: u32, along: u32) -> Mesh {
-    let at = |k: u32| {
-        let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
-        Point3::new(10.0 * libm::cos(turn), 10.0 * libm::sin(turn), f64::from(k / n))
-    };
-    let name = |i: u32, j: u32| i % n + j * n;
+    fn name(i: u32, j: u32, n: u32) -> u32 {
+        i % n + j * n
+    }
     let (mut faces, mut uv) = (Vec::new(), Vec::new());
     for (i, j) in (0..n * along).map(|k| (k % n, k / n)) {
         let square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
         for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
             let corners = [a, b, c].map(|k: usize| square[k]);
-            faces.push(corners.map(|(i, j)| name(i, j)));
+            faces.push(corners.map(|(i, j)| name(i, j, n)));
             let (width, height) = (f64::from(n), f64::from(along));
             uv.extend(corners.map(|(i, j)| [f64::from(i) / width, f64::from(j) / height]));
         }
     }
-    let places = Vec::from_iter((0..n * (along + 1)).map(at));
+    let places: Vec<_> = (0..n * (along + 1))
+        .map(|k: u32| {
+            let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
+            Point3::new(10.0 * libm::cos(turn), 10.0 * libm::sin(turn), f64::from(k / n))
+        })
+        .collect();
     let tube = Mesh::new(places, Faces::triangles(faces)).unwrap();
     tube.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
 }
@@ -214,12 +244,14 @@ fn a_texture_stays_on_both_sides_of_its_seam() {
 fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
     let fine = sheet(16, |_, _| 0.0);
     let places =
-        Vec::from_iter(fine.faces().corners().iter().map(|&v| fine.positions()[v as usize]));
+        fine.faces().corners().iter().map(|&v| fine.positions()[v as usize]).collect::<Vec<_>>();
     // The right half is elsewhere in the picture; colors are given for each half, too.
-    let half = |corner: usize| places[corner / 3 * 3..][..3].iter().any(|place| place.x > 0.5);
-    let uv =
-        (0..places.len()).map(|k| [places[k].x * 0.5 + f64::from(u8::from(half(k))), places[k].y]);
-    let color = (0..places.len()).map(|k| if half(k) { [200, 0, 0] } else { [0, 100, 0] });
+    fn half(corner: usize, places: &[Point3<f64>]) -> bool {
+        places[corner / 3 * 3..][..3].iter().any(|place| place.x > 0.5)
+    }
+    let uv = (0..places.len())
+        .map(|k| [places[k].x * 0.5 + f64::from(u8::from(half(k, &places))), places[k].y]);
+    let color = (0..places.len()).map(|k| if half(k, &places) { [200, 0, 0] } else { [0, 100, 0] });
     let fine = fine
         .clone()
         .with_corner("uv", Attribute::Pair(uv.collect()))
@@ -242,12 +274,6 @@ fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
 /// A ball of 30 mm, of which each column of faces lies in one of two places of the picture, by turns as a zigzag.
 fn textured_ball() -> Mesh {
     let (n, rows) = (90u32, 60u32);
-    let at = |k: u32| {
-        let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
-        let rise = 2.6 * (f64::from(k / n) / f64::from(rows) - 0.5);
-        let (sin, cos) = libm::sincos(turn);
-        30.0 * Point3::new(libm::cos(rise) * cos, libm::cos(rise) * sin, libm::sin(rise))
-    };
     let (mut faces, mut uv) = (Vec::new(), Vec::new());
     for (i, j) in (0..n * rows).map(|k| (k % n, k / n)) {
         let is_patch = (i + j % 2 * 2) / 10 % 2 == 0;
@@ -260,7 +286,14 @@ fn textured_ball() -> Mesh {
             uv.extend(triangle.map(place));
         }
     }
-    let places = Vec::from_iter((0..n * (rows + 1)).map(at));
+    let places: Vec<_> = (0..n * (rows + 1))
+        .map(|k: u32| {
+            let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
+            let rise = 2.6 * (f64::from(k / n) / f64::from(rows) - 0.5);
+            let (sin, cos) = libm::sincos(turn);
+            30.0 * Point3::new(libm::cos(rise) * cos, libm::cos(rise) * sin, libm::sin(rise))
+        })
+        .collect();
     let ball = Mesh::new(places, Faces::triangles(faces)).unwrap();
     ball.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
 }
@@ -269,10 +302,10 @@ fn textured_ball() -> Mesh {
 fn a_texture_of_jagged_patches_does_not_lift_vertices_off_the_surface() {
     let ball = textured_ball();
     let bare = Mesh::new(ball.positions().clone(), ball.faces().clone()).unwrap();
-    let farthest = |mesh: &Mesh| {
+    fn farthest(mesh: &Mesh) -> f64 {
         let off = mesh.positions().iter().map(|place| (place.coords.norm() - 30.0).abs());
         off.fold(0.0, f64::max)
-    };
+    }
     let [textured, bare] = [&ball, &bare].map(|mesh| farthest(&simple(mesh, 600)));
     assert!(textured < 2.5 * bare, "{textured} {bare}");
 }

@@ -40,7 +40,7 @@ pub(super) type Side = [u32; 2];
 impl Wedges {
     /// Those of a mesh whose faces were cut into triangles, each with its corners; none if nothing lies on corners but normals, which are dropped.
     pub(super) fn new(mesh: &Mesh, triangles: &[[u32; 3]], corners: &[[u32; 3]]) -> Option<Self> {
-        let attributes = Vec::from_iter(carried(mesh).map(|(_, attribute)| attribute));
+        let attributes: Vec<_> = carried(mesh).map(|(_, attribute)| attribute).collect();
         if attributes.is_empty() {
             return None;
         }
@@ -77,7 +77,9 @@ impl Wedges {
         corners: &[[u32; 3]],
         uv: &[[f64; 2]],
     ) {
-        let spans = |[a, b, c]: [Point3<f64>; 3]| [b - a, c - a];
+        fn spans([a, b, c]: [Point3<f64>; 3]) -> [Vector3<f64>; 2] {
+            [b - a, c - a]
+        }
         let place = |vertex: u32| mesh.positions()[vertex as usize];
         let (mut area, mut covered) = (0.0, 0.0);
         for (triangle, corners) in triangles.iter().zip(corners) {
@@ -162,7 +164,7 @@ impl Carry for Wedges {
         for together in self.mixes.chunk_by(|a, b| a.time == b.time) {
             let new = together.iter().map(|Mixed { wedge, parts, .. }| {
                 // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
-                let mut parts = Vec::from_iter(parts.iter().filter(|(share, _)| *share > 0.0));
+                let mut parts: Vec<_> = parts.iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let parts = parts.into_iter().map(|&(share, part)| (share, mixed[part as usize]));
                 (*wedge, T::mix(parts))

@@ -35,11 +35,13 @@ pub(crate) fn limit_matrix(limit: &LimitPlaces, faces: &Faces, fixed: &[bool]) -
         }
     });
     let (levels, is_symmetric) = levels(limit);
-    let is_free = |vertex: &u32| !fixed.get(*vertex as usize).is_some_and(|&fixed| fixed);
     let last = levels.iter().copied().max().unwrap_or(0);
     let blocks = (0..=last).map(|level| {
         let members = (0..).zip(&levels).filter(|(_, own)| **own == level);
-        Vec::from_iter(members.map(|(vertex, _)| vertex).filter(is_free))
+        members
+            .map(|(vertex, _)| vertex)
+            .filter(|vertex| !fixed.get(*vertex as usize).is_some_and(|&fixed| fixed))
+            .collect::<Vec<_>>()
     });
     let blocks = blocks.filter(|block| !block.is_empty()).collect();
     let scale = is_symmetric.then(|| scale.collect());
@@ -59,12 +61,14 @@ fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
     if (0..count).all(|vertex| rows.row(vertex).0.len() > CURVE) {
         return (levels, true);
     }
-    let reaches = |from: usize, to: u32| rows.row(from).0.contains(&to);
+    fn reaches(from: usize, to: u32, rows: &maquette_base::linear::stencils::Stencils) -> bool {
+        rows.row(from).0.contains(&to)
+    }
     let mut leaders: Vec<u32> = (0..count as u32).collect();
     let mut after = Vec::new();
     for vertex in 0..count {
         for &other in rows.row(vertex).0.iter().filter(|&&other| other as usize != vertex) {
-            if reaches(other as usize, vertex as u32) {
+            if reaches(other as usize, vertex as u32, rows) {
                 let [a, b] = [vertex as u32, other].map(|v| leader(&mut leaders, v));
                 leaders[a.max(b) as usize] = a.min(b);
             } else {
@@ -72,8 +76,7 @@ fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
             }
         }
     }
-    let together = |[a, b]: &[u32; 2]| leader(&mut leaders, *a) == leader(&mut leaders, *b);
-    if after.iter().any(together) {
+    if after.iter().any(|[a, b]| leader(&mut leaders, *a) == leader(&mut leaders, *b)) {
         return (levels, false);
     }
     // Corners, curves, smooth vertices: chains are short.
@@ -90,8 +93,7 @@ fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
             break;
         }
     }
-    let of = |vertex| levels[leader(&mut leaders, vertex) as usize];
-    ((0..count as u32).map(of).collect(), true)
+    ((0..count as u32).map(|vertex| levels[leader(&mut leaders, vertex) as usize]).collect(), true)
 }
 
 /// The lowest vertex that is solved for together with one.

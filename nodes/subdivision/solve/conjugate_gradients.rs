@@ -69,7 +69,9 @@ impl<'a> Search<'a> {
             sums
         });
         let parts: Vec<[Four; 2]> = parts.collect();
-        let add = |a: Column, b: Four| [0, 1, 2].map(|k| a[k] + b[k]);
+        fn add(a: Column, b: Four) -> [f64; 3] {
+            [0, 1, 2].map(|k| a[k] + b[k])
+        }
         parts.into_iter().fold([[0.0; 3]; 2], |[a, b], [c, d]| [add(a, c), add(b, d)])
     }
 

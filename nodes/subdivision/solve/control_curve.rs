@@ -65,13 +65,20 @@ impl ControlCurve {
                 });
                 let (start, end) = knots.domain();
                 // Between the ends, the middle of each basis function.
-                let inside = |k: usize| start + k as f64 + if mirrored { 0.0 } else { 0.5 };
-                let parameter = |k: usize| match k {
-                    0 => start,
-                    _ if k == last => end,
-                    _ => inside(k),
-                };
-                Ok(Self { knots, extended, parameters: (0..count).map(parameter).collect() })
+                fn inside(k: usize, start: f64, mirrored: bool) -> f64 {
+                    start + k as f64 + if mirrored { 0.0 } else { 0.5 }
+                }
+                Ok(Self {
+                    knots,
+                    extended,
+                    parameters: (0..count)
+                        .map(|k: usize| match k {
+                            0 => start,
+                            _ if k == last => end,
+                            _ => inside(k, start, mirrored),
+                        })
+                        .collect(),
+                })
             }
             CurveBasis::BSpline(_) => {
                 let parameters = centripetal(points);

@@ -24,18 +24,27 @@ pub(crate) fn stray(
 ) -> Option<Stray> {
     let (low, high) = bounds(points)?;
     let diagonal = (high - low).norm();
-    let is_near = |distance: f64| distance <= diagonal;
-    if control.iter().zip(points).all(|(control, point)| is_near((control - point).norm())) {
+    fn is_near(distance: f64, diagonal: f64) -> bool {
+        distance <= diagonal
+    }
+    if control
+        .iter()
+        .zip(points)
+        .all(|(control, point)| is_near((control - point).norm(), diagonal))
+    {
         return None;
     }
-    let distance = |sample: &Point3<f64>| {
-        let distance = (sample - sample.sup(&low).inf(&high)).norm();
-        if distance.is_finite() { distance } else { f64::INFINITY }
-    };
     let samples = sample(control);
-    let distance =
-        samples.map_or(f64::INFINITY, |samples| samples.iter().map(distance).fold(0.0, f64::max));
-    (!is_near(distance)).then_some(Stray { distance, diagonal })
+    let distance = samples.map_or(f64::INFINITY, |samples| {
+        samples
+            .iter()
+            .map(|sample| {
+                let distance = (sample - sample.sup(&low).inf(&high)).norm();
+                if distance.is_finite() { distance } else { f64::INFINITY }
+            })
+            .fold(0.0, f64::max)
+    });
+    (!is_near(distance, diagonal)).then_some(Stray { distance, diagonal })
 }
 
 /// The diagonal of the box around some points.
@@ -58,10 +67,14 @@ mod tests {
     #[test]
     fn a_surface_strays_by_its_samples_and_not_by_its_control_points() {
         let far = [Point3::new(0.0, 0.0, 90.0), Point3::new(3.0, 4.0, -90.0)];
-        let at = |z: f64| stray(&far, &POINTS, |_| Some(vec![Point3::new(1.0, 1.0, z)]));
-        assert_eq!(at(5.0), None);
-        assert_eq!(at(6.0), Some(Stray { distance: 6.0, diagonal: 5.0 }));
-        for overflow in [at(f64::NAN), at(f64::INFINITY), stray(&far, &POINTS, |_| None)] {
+        fn at(z: f64, far: &[Point3<f64>; 2]) -> Option<Stray> {
+            stray(far, &POINTS, |_| Some(vec![Point3::new(1.0, 1.0, z)]))
+        }
+        assert_eq!(at(5.0, &far), None);
+        assert_eq!(at(6.0, &far), Some(Stray { distance: 6.0, diagonal: 5.0 }));
+        for overflow in
+            [at(f64::NAN, &far), at(f64::INFINITY, &far), stray(&far, &POINTS, |_| None)]
+        {
             assert_eq!(overflow, Some(Stray { distance: f64::INFINITY, diagonal: 5.0 }));
         }
         let near = stray(&POINTS, &POINTS, |_| panic!("near control points need no samples"));

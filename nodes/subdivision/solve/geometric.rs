@@ -109,10 +109,14 @@ impl Own {
     /// Adds those that are missed by most, by the squares of the distances; all, if these are among them.
     fn add(&mut self, iteration: u32, squares: &[f64]) {
         let worst = squares.iter().copied().fold(0.0, f64::max);
-        let holds_up = |k: usize| squares[k] > WORST * WORST * worst || !squares[k].is_finite();
-        let is_new = |(k, own): (usize, &bool)| !own && holds_up(k);
-        let any = self.is.iter().enumerate().any(is_new);
-        self.is.iter_mut().enumerate().for_each(|(k, own)| *own |= !any || holds_up(k));
+        fn holds_up(k: usize, worst: f64, squares: &[f64]) -> bool {
+            squares[k] > WORST * WORST * worst || !squares[k].is_finite()
+        }
+        let any = self.is.iter().enumerate().any(|(k, own)| !own && holds_up(k, worst, squares));
+        self.is
+            .iter_mut()
+            .enumerate()
+            .for_each(|(k, own)| *own |= !any || holds_up(k, worst, squares));
         // The distances of this iteration are from other feet than those of the next.
         (self.mark, self.since) = ((f64::INFINITY, iteration), iteration + 1);
     }
@@ -140,36 +144,39 @@ pub(crate) fn iterate(
     mut feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
     sample: impl Fn(&[Point3<f64>]) -> Option<Vec<Point3<f64>>>,
 ) -> Result<Solution, Cancelled> {
-    let is_fixed = |k: usize| fixed.get(k).is_some_and(|&fixed| fixed);
-    let squares = |feet: &[FootPoint]| {
-        let square = |k: usize| match is_fixed(k) {
-            true => 0.0,
-            false => (points[k] - feet[k].point).norm_squared(),
-        };
-        Vec::from_iter((0..points.len()).map(square))
-    };
+    fn is_fixed(k: usize, fixed: &[bool]) -> bool {
+        fixed.get(k).is_some_and(|&fixed| fixed)
+    }
+    fn squares(feet: &[FootPoint], points: &[Point3<f64>], fixed: &[bool]) -> Vec<f64> {
+        (0..points.len())
+            .map(|k: usize| match is_fixed(k, fixed) {
+                true => 0.0,
+                false => (points[k] - feet[k].point).norm_squared(),
+            })
+            .collect::<Vec<_>>()
+    }
     let free = points.len() - fixed.iter().filter(|&&fixed| fixed).count();
-    let missed = |squares: &[f64]| {
+    fn missed(squares: &[f64], free: usize) -> [f64; 2] {
         let all = squares.iter().fold(Missed::none(), |all, &off| all.and_by(off));
         Missed { count: free, ..all }.distances()
-    };
+    }
     let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
     let mut control = points.to_vec();
     let mut best = (f64::INFINITY, 0, control.clone());
     let mut is_lost = false;
-    let is = (0..points.len()).map(|k| how.is_linear() || is_fixed(k)).collect();
+    let is = (0..points.len()).map(|k| how.is_linear() || is_fixed(k, fixed)).collect();
     let mut own = Own { is, mark: (f64::INFINITY, 0), since: 0 };
     for iteration in 0..=how.iterations {
         progress.tick(f64::from(iteration) / f64::from(how.iterations.max(1)))?;
         let whole = iteration % WHOLE == 0;
         let mut found = feet(&control, Look { whole, own: &own.is });
-        let mut off = squares(&found);
+        let mut off = squares(&found, points, fixed);
         // Near the last foot there may be one, and a nearer one elsewhere: no iteration ends on that.
-        if !whole && record.allows(missed(&off)) {
+        if !whole && record.allows(missed(&off, free)) {
             found = feet(&control, Look { whole: true, own: &own.is });
-            off = squares(&found);
+            off = squares(&found, points, fixed);
         }
-        let now = missed(&off);
+        let now = missed(&off, free);
         if record.note(now) && (how.is_linear() || stray(&control, points, &sample).is_none()) {
             let found = Found { control, trace: record.into_trace(), end: End::Settled };
             return Ok(Solution { found, unreachable: false });
@@ -187,7 +194,7 @@ pub(crate) fn iterate(
             own.add(iteration, &off);
             control.clone_from(&best.2);
         } else if iteration < how.iterations {
-            for k in (0..points.len()).filter(|&k| !is_fixed(k)) {
+            for k in (0..points.len()).filter(|&k| !is_fixed(k, fixed)) {
                 control[k] += found[k].step(points[k], how.direction);
             }
         }

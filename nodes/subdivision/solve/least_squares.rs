@@ -32,24 +32,28 @@ pub(crate) fn least_squares(
 ) -> Result<Solution, Cancelled> {
     let transposed = rows.transposed(start.len());
     let ones = vec![1.0; start.len().max(points.len())];
-    let size_sq = |a: &[Column]| columns::dot(a, a, &ones[..a.len()]);
-    let hold = |column: &mut [Column]| {
+    fn size_sq(a: &[Column], ones: &[f64]) -> [f64; 3] {
+        columns::dot(a, a, &ones[..a.len()])
+    }
+    fn hold(column: &mut [Column], fixed: &[bool]) {
         let held = column.iter_mut().zip(fixed).filter(|(_, fixed)| **fixed);
         held.for_each(|(entry, _)| *entry = [0.0; 3]);
-    };
-    let missed = |residual: &[Column]| columns::missed(residual).distances();
+    }
+    fn missed(residual: &[Column]) -> [f64; 2] {
+        columns::missed(residual).distances()
+    }
     let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
     let mut unknown: Vec<Column> = start.iter().map(|point| point.coords.into()).collect();
     let mut residual: Vec<Column> = points.iter().map(|point| point.coords.into()).collect();
     columns::add(&mut residual, &rows.apply(&unknown), [-1.0; 3]);
-    hold(&mut residual);
-    let slope = |residual: &[Column]| {
+    hold(&mut residual, fixed);
+    fn slope(residual: &[Column], transposed: &Stencils, fixed: &[bool]) -> Vec<[f64; 3]> {
         let mut slope = transposed.apply(residual);
-        hold(&mut slope);
+        hold(&mut slope, fixed);
         slope
-    };
-    let mut way = slope(&residual);
-    let mut steep = size_sq(&way);
+    }
+    let mut way = slope(&residual, &transposed, fixed);
+    let mut steep = size_sq(&way, &ones);
     let mut settled = record.note(missed(&residual));
     let mut unreachable = false;
     for _ in 0..how.iterations {
@@ -57,21 +61,21 @@ pub(crate) fn least_squares(
             break;
         }
         progress.check()?;
-        let left = size_sq(&residual);
+        let left = size_sq(&residual, &ones);
         let moves = [0, 1, 2].map(|k| steep[k] > LEVEL * LEVEL * left[k]);
         if !moves.contains(&true) {
             unreachable = true;
             break;
         }
         let mut bent = rows.apply(&way);
-        hold(&mut bent);
-        let length = size_sq(&bent);
+        hold(&mut bent, fixed);
+        let length = size_sq(&bent, &ones);
         let step = [0, 1, 2].map(|k| if moves[k] { steep[k] / length[k] } else { 0.0 });
         columns::add(&mut unknown, &way, step);
         columns::add(&mut residual, &bent, step.map(|step| -step));
         settled = record.note(missed(&residual));
-        let next = slope(&residual);
-        let after = size_sq(&next);
+        let next = slope(&residual, &transposed, fixed);
+        let after = size_sq(&next, &ones);
         let ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / steep[k] } else { 0.0 });
         columns::follow(&mut way, &next, ratio);
         steep = after;

@@ -138,14 +138,16 @@ impl LimitMatrix {
         points: &[Point3<f64>],
         control: &[Point3<f64>],
     ) -> Missed {
-        let distance_sq = |&vertex: &u32| {
-            let vertex = vertex as usize;
-            (points[vertex] - self.rows.apply_row(vertex, control)).norm_squared()
-        };
         let missed = blocks.iter().map(|block| {
-            let parts = block
-                .par_chunks(columns::CHUNK)
-                .map(|chunk| chunk.iter().map(distance_sq).fold(Missed::none(), Missed::and_by));
+            let parts = block.par_chunks(columns::CHUNK).map(|chunk| {
+                chunk
+                    .iter()
+                    .map(|&vertex| {
+                        let vertex = vertex as usize;
+                        (points[vertex] - self.rows.apply_row(vertex, control)).norm_squared()
+                    })
+                    .fold(Missed::none(), Missed::and_by)
+            });
             parts.collect::<Vec<_>>().into_iter().fold(Missed::none(), Missed::and)
         });
         missed.fold(Missed::none(), Missed::and)
@@ -249,8 +251,13 @@ impl<'a> Block<'a> {
             Some(scale) => self.rows.scaled(scale),
             None => self.rows.squared(self.unknown.len()),
         })?;
-        let solve = |right: &[Column]| {
-            let mut x = match (scale, &transposed) {
+        fn solve(
+            right: &[Column],
+            scale: &Option<&[f64]>,
+            transposed: &Option<Stencils>,
+            factors: &Cholesky,
+        ) -> Vec<[f64; 3]> {
+            let mut x = match (*scale, transposed) {
                 (_, Some(transposed)) => transposed.apply(right),
                 (scale, None) => {
                     let rows = right.iter().zip(scale.unwrap_or_default());
@@ -259,20 +266,23 @@ impl<'a> Block<'a> {
             };
             factors.solve(&mut x);
             x
-        };
-        let mut x = solve(&self.right);
+        }
+        let mut x = solve(&self.right, &scale, &transposed, &factors);
         // One step of refinement gives back the digits that the condition took.
         let mut residual = self.right.clone();
         columns::add(&mut residual, &self.rows.apply(&x), [-1.0; 3]);
-        columns::add(&mut x, &solve(&residual), [1.0; 3]);
+        columns::add(&mut x, &solve(&residual, &scale, &transposed, &factors), [1.0; 3]);
         Some(x)
     }
 
     fn residual(&self) -> Vec<Column> {
-        let row = |row: usize| {
-            let limit = self.rows.apply_row(row, &self.unknown);
-            [0, 1, 2].map(|k| self.right[row][k] - limit[k])
-        };
-        (0..self.right.len()).into_par_iter().with_min_len(columns::CHUNK).map(row).collect()
+        (0..self.right.len())
+            .into_par_iter()
+            .with_min_len(columns::CHUNK)
+            .map(|row: usize| {
+                let limit = self.rows.apply_row(row, &self.unknown);
+                [0, 1, 2].map(|k| self.right[row][k] - limit[k])
+            })
+            .collect()
     }
 }

@@ -40,12 +40,13 @@ fn limit(mesh: &Mesh, levels: u32) -> Mesh {
 fn scattered(faces: Vec<[u32; 3]>) -> Mesh {
     let vertices = faces.iter().flatten().max().map_or(0, |&vertex| vertex + 1);
     let mut state = 7u32;
-    let mut random = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        f64::from(state >> 8) / f64::from(1 << 24) - 0.5
-    };
-    let positions: Vec<_> =
-        (0..vertices).map(|_| Point3::new(random(), random(), random())).collect();
+    fn random(state: &mut u32) -> f64 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(*state >> 8) / f64::from(1 << 24) - 0.5
+    }
+    let positions: Vec<_> = (0..vertices)
+        .map(|_| Point3::new(random(&mut state), random(&mut state), random(&mut state)))
+        .collect();
     Mesh::new(positions, Faces::triangles(faces)).unwrap()
 }
 
@@ -70,9 +71,8 @@ fn octahedron() -> Mesh {
 }
 
 fn icosahedron() -> Vec<[u32; 3]> {
-    let ring = |i: u32| [1 + i % 5, 1 + (i + 1) % 5, 6 + i % 5, 6 + (i + 1) % 5];
     (0..5)
-        .map(ring)
+        .map(|i: u32| [1 + i % 5, 1 + (i + 1) % 5, 6 + i % 5, 6 + (i + 1) % 5])
         .flat_map(|[a, b, c, d]| [[0, a, b], [a, c, b], [b, c, d], [11, d, c]])
         .collect()
 }
@@ -80,11 +80,18 @@ fn icosahedron() -> Vec<[u32; 3]> {
 /// A sheet of `m` x `n` squares, each in two triangles; closed to a torus if `around`.
 fn sheet(m: u32, n: u32, around: bool) -> Vec<[u32; 3]> {
     let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
-    let at = |i: u32, j: u32| i % rows * columns + j % columns;
+    fn at(i: u32, j: u32, rows: u32, columns: u32) -> u32 {
+        i % rows * columns + j % columns
+    }
     (0..m * n)
         .map(|k| (k / n, k % n))
         .flat_map(|(i, j)| {
-            let [a, b, c, d] = [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)];
+            let [a, b, c, d] = [
+                at(i, j, rows, columns),
+                at(i, j + 1, rows, columns),
+                at(i + 1, j + 1, rows, columns),
+                at(i + 1, j, rows, columns),
+            ];
             [[a, b, c], [a, c, d]]
         })
         .collect()
@@ -92,8 +99,12 @@ fn sheet(m: u32, n: u32, around: bool) -> Vec<[u32; 3]> {
 
 /// A sheet of `n` x `n` squares in the plane z = 0 on the unit lattice.
 fn flat_sheet(n: u32) -> Mesh {
-    let at = |k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1)), 0.0];
-    placed(sheet(n, n, false), &(0..(n + 1) * (n + 1)).map(at).collect::<Vec<_>>())
+    placed(
+        sheet(n, n, false),
+        &(0..(n + 1) * (n + 1))
+            .map(|k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1)), 0.0])
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// Vertex 0 at the middle of `n` triangles.
@@ -187,7 +198,9 @@ fn the_limit_weighs_the_center_as_loop_does() {
 
 #[test]
 fn a_regular_vertex_is_a_box_splines() {
-    let height = |mesh: Mesh| limit(&mesh, 0).positions()[0].z;
+    fn height(mesh: Mesh) -> f64 {
+        limit(&mesh, 0).positions()[0].z
+    }
     assert!((height(hexagon(|x, y| f64::from(x == 0.0 && y == 0.0))) - 0.5).abs() < 1e-14);
     assert!((height(hexagon(|x, _| f64::from(x == 1.0))) - 1.0 / 12.0).abs() < 1e-14);
     assert!((height(hexagon(|x, _| x * x)) - 0.25).abs() < 1e-14);
@@ -198,26 +211,30 @@ fn a_regular_vertex_is_a_box_splines() {
 #[test]
 fn subdividing_and_an_affine_map_can_be_exchanged() {
     let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
-    let map = |points: &[Point3<f64>]| {
-        points.iter().map(|point| linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
-    };
+    fn map(points: &[Point3<f64>], linear: &Matrix3<f64>) -> Vec<Point3<f64>> {
+        points.iter().map(|point| *linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
+    }
     for faces in [icosahedron(), sheet(3, 3, false)] {
         let mesh = scattered(faces);
-        let mapped = mesh.with_positions(map(mesh.positions())).unwrap();
-        let (first, then) = (limit(&mapped, 2), map(limit(&mesh, 2).positions()));
+        let mapped = mesh.with_positions(map(mesh.positions(), &linear)).unwrap();
+        let (first, then) = (limit(&mapped, 2), map(limit(&mesh, 2).positions(), &linear));
         assert!(farthest(first.positions(), &then) < 1e-13);
     }
 }
 
 #[test]
 fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
-    let fan = |faces: u32| {
-        let angle = |i: u32| std::f64::consts::PI * f64::from(i) / f64::from(faces);
-        let rim = (0..=faces).map(|i| [libm::cos(angle(i)), libm::sin(angle(i)), 0.0]);
-        let positions = std::iter::once([0.0; 3]).chain(rim).collect::<Vec<_>>();
-        placed((1..=faces).map(|i| [0, i, i + 1]).collect(), &positions)
-    };
-    let meshes = (2..8).map(fan).chain([flat_sheet(3), hexagon(|_, _| 0.0)]);
+    let meshes = (2..8)
+        .map(|faces: u32| {
+            fn angle(i: u32, faces: u32) -> f64 {
+                std::f64::consts::PI * f64::from(i) / f64::from(faces)
+            }
+            let rim =
+                (0..=faces).map(|i| [libm::cos(angle(i, faces)), libm::sin(angle(i, faces)), 0.0]);
+            let positions = std::iter::once([0.0; 3]).chain(rim).collect::<Vec<_>>();
+            placed((1..=faces).map(|i| [0, i, i + 1]).collect(), &positions)
+        })
+        .chain([flat_sheet(3), hexagon(|_, _| 0.0)]);
     for mesh in meshes {
         for boundary in [Boundary::EdgeAndCorner, Boundary::EdgeOnly] {
             for levels in [0, 2] {
@@ -280,7 +297,9 @@ fn a_plan_serves_every_mesh_of_its_topology() {
 #[test]
 fn other_numbers_for_the_vertices_give_the_same_surface() {
     let mesh = scattered(icosahedron());
-    let renamed = |vertex: u32| (vertex * 5 + 3) % 12;
+    fn renamed(vertex: u32) -> u32 {
+        (vertex * 5 + 3) % 12
+    }
     let faces = mesh.faces().as_triangles().unwrap().iter().map(|face| face.map(renamed)).collect();
     let mut positions = vec![Point3::origin(); 12];
     (0..).zip(mesh.positions().iter()).for_each(|(i, &p)| positions[renamed(i) as usize] = p);
@@ -295,21 +314,23 @@ fn other_numbers_for_the_vertices_give_the_same_surface() {
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let mesh = scattered(sheet(60, 60, true));
-    let with = |threads| {
+    fn with(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| limit(&mesh, 1))
-    };
-    let one = with(1);
-    assert_eq!([with(2), with(8)], [one.clone(), one]);
+        pool.install(|| limit(mesh, 1))
+    }
+    let one = with(1, &mesh);
+    assert_eq!([with(2, &mesh), with(8, &mesh)], [one.clone(), one]);
 }
 
 /// A cube, its sides in two triangles each, its 12 edges sharp.
 fn cube(sharpness: f64) -> Mesh {
-    let corner = |i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from);
     let sides =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = placed(faces, &(0..8).map(corner).collect::<Vec<_>>());
+    let mesh = placed(
+        faces,
+        &(0..8).map(|i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from)).collect::<Vec<_>>(),
+    );
     let edges = (0..8u32).flat_map(|a| [1, 2, 4].map(|bit| [a, a | bit])).filter(|[a, b]| a != b);
     mesh.with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
 }
@@ -377,14 +398,16 @@ fn attributes_run_straight_along_edges_and_within_faces() {
         .and_then(|m| m.with_face("part", Attribute::Index(vec![5].into())))
         .unwrap();
     let refined = refine(&mesh, 1);
-    let vertex = |name| refined.vertex().get(name).cloned();
+    fn vertex(name: &str, refined: &Mesh) -> Option<Attribute> {
+        refined.vertex().get(name).cloned()
+    }
     let uv = vec![[0., 0.], [1., 0.], [0., 1.], [0.5, 0.], [0.5, 0.5], [0., 0.5]];
-    assert_eq!(vertex("uv"), Some(Attribute::Pair(uv.into())));
-    assert_eq!(vertex("filled"), Some(Attribute::Flag(vec![1, 0, 0, 1, 0, 1].into())));
-    assert_eq!(vertex("label"), Some(Attribute::Index(vec![7, 8, 9, 7, 8, 7].into())));
+    assert_eq!(vertex("uv", &refined), Some(Attribute::Pair(uv.into())));
+    assert_eq!(vertex("filled", &refined), Some(Attribute::Flag(vec![1, 0, 0, 1, 0, 1].into())));
+    assert_eq!(vertex("label", &refined), Some(Attribute::Index(vec![7, 8, 9, 7, 8, 7].into())));
     let grays = [0, 255, 9, 128, 132, 5].map(|gray| [gray; 3]);
-    assert_eq!(vertex("color"), Some(Attribute::Color(grays.to_vec().into())));
-    assert_eq!(vertex("normal"), None);
+    assert_eq!(vertex("color", &refined), Some(Attribute::Color(grays.to_vec().into())));
+    assert_eq!(vertex("normal", &refined), None);
     let heat = [0., 2., 4., 4., 6., 2., 8., 4., 6., 2., 6., 4.];
     assert_eq!(refined.corner().get("heat"), Some(&Attribute::Number(heat.to_vec().into())));
     assert_eq!(refined.face().get("part"), Some(&Attribute::Index(Column::from(vec![5; 4]))));
@@ -397,20 +420,33 @@ fn a_seam_keeps_both_of_its_texture_coordinates() {
     let mesh = mesh.with_corner("uv", Attribute::Pair(uv.into())).unwrap();
     let refined = refine(&mesh, 3);
     let (uv, corners) = (refined.corner().pairs("uv").unwrap(), refined.faces().corners());
-    let at = |vertex: u32, first_half: bool| {
+    fn at(
+        vertex: u32,
+        first_half: bool,
+        corners: &Column<u32>,
+        uv: &Column<[f64; 2]>,
+    ) -> Vec<[f64; 2]> {
         let half = corners.len() / 2;
         (0..corners.len())
             .filter(move |&c| corners[c] == vertex && (c < half) == first_half)
             .map(|c| uv[c])
             .collect::<Vec<_>>()
-    };
-    assert!(at(2, true).iter().all(|&uv| uv == [0.4, 1.]) && !at(2, true).is_empty());
-    assert!(at(2, false).iter().all(|&uv| uv == [0.6, 1.]) && !at(2, false).is_empty());
+    }
+    assert!(
+        at(2, true, corners, uv).iter().all(|&uv| uv == [0.4, 1.])
+            && !at(2, true, corners, uv).is_empty()
+    );
+    assert!(
+        at(2, false, corners, uv).iter().all(|&uv| uv == [0.6, 1.])
+            && !at(2, false, corners, uv).is_empty()
+    );
 }
 
 #[test]
 fn what_is_no_triangle_or_no_surface_is_an_error() {
-    let error = |mesh: &Mesh| subdivide(mesh, of(1, false, Boundary::EdgeOnly)).unwrap_err();
+    fn error(mesh: &Mesh) -> SubdivideError {
+        subdivide(mesh, of(1, false, Boundary::EdgeOnly)).unwrap_err()
+    }
     let points = vec![Point3::origin(); 7];
     let mixed = Faces::polygons(&[3, 4], vec![0, 1, 2, 0, 2, 3, 4]).unwrap();
     assert_eq!(

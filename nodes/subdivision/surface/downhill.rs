@@ -69,9 +69,11 @@ pub(crate) fn downhill(
         let spoke = to - point.point;
         let Some(slope) = Slope::new(&point, spoke) else { break };
         let way = sides.way(spot, came, &slope);
-        let is_foot = |step| slope.length_sq(step) <= ASIDE * ASIDE * spoke.norm_squared();
+        fn is_foot(step: [f64; 2], slope: &Slope, spoke: Vector3<f64>) -> bool {
+            slope.length_sq(step) <= ASIDE * ASIDE * spoke.norm_squared()
+        }
         // At a foot on a side, rounding alone may lead to and fro across it.
-        held = matches!(way, Way::Along(_) | Way::Nowhere) && !is_foot(slope.step());
+        held = matches!(way, Way::Along(_) | Way::Nowhere) && !is_foot(slope.step(), &slope, spoke);
         match way {
             Way::Nowhere => break,
             Way::Through(half) => {
@@ -80,7 +82,7 @@ pub(crate) fn downhill(
                 (point, looks) = (part.at(spot.at), looks + 1);
             }
             Way::Across(step) | Way::Along(step) => {
-                if is_foot(step) {
+                if is_foot(step, &slope, spoke) {
                     break;
                 }
                 let end = sides.cut(spot.at, step);
@@ -118,9 +120,9 @@ impl Slope {
         let [uu, uv, vv] = point.second?.map(|second| second.dot(&spoke));
         let flat = [u.norm_squared(), u.dot(&v), v.norm_squared()];
         let curved = [flat[0] - uu, flat[1] - uv, flat[2] - vv];
-        let is_bowl = |[a, b, d]: &[f64; 3]| *a > 0.0 && a * d - b * b > 0.0;
         // Where it curves down, as if the surface were flat: that leads down as well.
-        let curves = [curved, flat].into_iter().find(is_bowl)?;
+        let curves =
+            [curved, flat].into_iter().find(|[a, b, d]| *a > 0.0 && a * d - b * b > 0.0)?;
         Some(Self { first, falls: [u.dot(&spoke), v.dot(&spoke)], curves })
     }
 
@@ -184,8 +186,8 @@ impl<F: Fn(u32) -> bool> Sides<'_, F> {
 
     /// The sides on which a place lies and across which a step leads.
     fn out(&self, at: [f64; 2], step: [f64; 2]) -> impl Iterator<Item = u32> {
-        let on = move |side: &u32| self.room(*side, at) <= ON_SIDE && self.rate(*side, step) < 0.0;
-        (0..self.count).filter(on)
+        (0..self.count)
+            .filter(move |side| self.room(*side, at) <= ON_SIDE && self.rate(*side, step) < 0.0)
     }
 
     /// How far a place is from a side, which is 1 at the other end of the face.
@@ -235,15 +237,17 @@ impl<F: Fn(u32) -> bool> Sides<'_, F> {
 
     /// The end of a step, or where it first meets a side.
     fn cut(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
-        let reached = |share: f64| [at[0] + step[0] * share, at[1] + step[1] * share];
+        fn reached(share: f64, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
+            [at[0] + step[0] * share, at[1] + step[1] * share]
+        }
         let meets = (0..self.count).filter_map(|side| {
             let rate = self.rate(side, step);
             let share = self.room(side, at).max(0.0) / -rate;
             (rate < 0.0 && share < 1.0).then_some((share, side))
         });
         match meets.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((share, side)) => self.place(side, self.share(side, reached(share))),
-            None => reached(1.0),
+            Some((share, side)) => self.place(side, self.share(side, reached(share, at, step))),
+            None => reached(1.0, at, step),
         }
     }
 

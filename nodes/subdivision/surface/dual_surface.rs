@@ -251,9 +251,11 @@ mod tests {
                 let [right, left, up, down] =
                     [at(u + h, v), at(u - h, v), at(u, v + h), at(u, v - h)];
                 let own = at(u, v);
-                let by = |a: LimitPoint, b: LimitPoint| (a.point - b.point) / (2.0 * h);
-                assert!((own.first[0] - by(right, left)).norm() <= 1e-8);
-                assert!((own.first[1] - by(up, down)).norm() <= 1e-8);
+                fn by(a: LimitPoint, b: LimitPoint, h: f64) -> Vector3<f64> {
+                    (a.point - b.point) / (2.0 * h)
+                }
+                assert!((own.first[0] - by(right, left, h)).norm() <= 1e-8);
+                assert!((own.first[1] - by(up, down, h)).norm() <= 1e-8);
                 let by =
                     |a: LimitPoint, b: LimitPoint, k: usize| (a.first[k] - b.first[k]) / (2.0 * h);
                 let second = own.second.unwrap();

@@ -72,9 +72,12 @@ impl FacePoint {
     }
 
     pub(crate) fn nearest_corner(&self, corners: &[[f64; 2]]) -> usize {
-        let distance = |[x, y]: [f64; 2]| (x - self.at[0]).abs() + (y - self.at[1]).abs();
+        fn distance([x, y]: [f64; 2], at: [f64; 2]) -> f64 {
+            (x - at[0]).abs() + (y - at[1]).abs()
+        }
         let corners = corners.iter().enumerate();
-        let nearest = corners.min_by(|a, b| distance(*a.1).total_cmp(&distance(*b.1)));
+        let nearest =
+            corners.min_by(|a, b| distance(*a.1, self.at).total_cmp(&distance(*b.1, self.at)));
         nearest.map_or(0, |(corner, _)| corner)
     }
 

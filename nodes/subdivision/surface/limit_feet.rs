@@ -29,12 +29,20 @@ pub(crate) fn vertex_feet(
     own: &[bool],
 ) -> Vec<FootPoint> {
     let points = positions.apply(control);
-    let foot = |(vertex, &point): (usize, &Point3<f64>)| {
-        let normal = |limit: &Limit| along(limit.normal(vertex, control, Vector3::zeros()));
-        let facing = facing.filter(|_| !own[vertex]);
-        FootPoint { point, perpendicular: facing.map_or(Perpendicular::Nowhere, normal) }
-    };
-    points.par_iter().enumerate().with_min_len(1024).map(foot).collect()
+    points
+        .par_iter()
+        .enumerate()
+        .with_min_len(1024)
+        .map(|(vertex, &point)| {
+            let facing = facing.filter(|_| !own[vertex]);
+            FootPoint {
+                point,
+                perpendicular: facing.map_or(Perpendicular::Nowhere, |limit| {
+                    along(limit.normal(vertex, control, Vector3::zeros()))
+                }),
+            }
+        })
+        .collect()
 }
 
 /// The direction of a normal that is none if it is zero.
@@ -76,13 +84,15 @@ impl<'a> ClosestFeet<'a> {
             Scheme::Loop | Scheme::CatmullClark => Shape::Primal(LimitSurface::new(mesh, how)?),
         };
         let mut ring = Ring::default();
-        let around = |&start: &u32| {
-            halves.ring(start, &mut ring);
-            let spots = ring.halves.iter().map(|&half| surface.part(half));
-            let spots = spots.filter(|&part| surface.has(part));
-            spots.map(|part| Spot { part, at: [INSIDE; 2] }).collect()
-        };
-        let last = starts.iter().map(around).collect();
+        let last = starts
+            .iter()
+            .map(|&start| {
+                halves.ring(start, &mut ring);
+                let spots = ring.halves.iter().map(|&half| surface.part(half));
+                let spots = spots.filter(|&part| surface.has(part));
+                spots.map(|part| Spot { part, at: [INSIDE; 2] }).collect()
+            })
+            .collect();
         Ok(Self { points, faces, own, surface, last })
     }
 
@@ -95,14 +105,19 @@ impl<'a> ClosestFeet<'a> {
         let (faces, surface) = (self.faces, &self.surface);
         let walks = self.points.par_iter().zip(&mut self.last).enumerate().with_min_len(64);
         let feet = walks.map(|(vertex, (&to, last))| {
-            let is_at = |part| {
-                let face = faces.face(surface.face(part) as usize);
-                face.contains(&(vertex as u32)) && surface.has(part)
-            };
-            let walk = |&start: &Spot| downhill(surface, start, to, is_at);
-            let off = |end: &Nearest| (to - end.point.point).norm_squared();
+            fn off(end: &Nearest, to: Point3<f64>) -> f64 {
+                (to - end.point.point).norm_squared()
+            }
             let starts = if own[vertex] { &[][..] } else { &last[..] };
-            let nearest = starts.iter().map(walk).min_by(|a, b| off(a).total_cmp(&off(b)));
+            let nearest = starts
+                .iter()
+                .map(|&start| {
+                    downhill(surface, start, to, |part| {
+                        let face = faces.face(surface.face(part) as usize);
+                        face.contains(&(vertex as u32)) && surface.has(part)
+                    })
+                })
+                .min_by(|a, b| off(a, to).total_cmp(&off(b, to)));
             let Some(Nearest { spot, point, held }) = nearest else {
                 let point = self.own.apply_row(vertex, control);
                 return FootPoint { point, perpendicular: Perpendicular::Nowhere };
@@ -141,11 +156,13 @@ impl Shape {
         let parts = Primal::new(level.into()).next();
         let (control, _) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
         let mut ring = Ring::default();
-        let is_inside = |&start: &u32| {
-            control.ring(start, &mut ring);
-            ring.closed && ring.halves.len() > 2
-        };
-        let closed = Vec::from_iter(starts.iter().map(is_inside));
+        let closed: Vec<_> = starts
+            .iter()
+            .map(|&start| {
+                control.ring(start, &mut ring);
+                ring.closed && ring.halves.len() > 2
+            })
+            .collect();
         let inside = control.corners().iter().map(|&vertex| closed[vertex as usize]).collect();
         let refined = dual_surface::refined(&control, mesh.positions());
         Ok(Self::Dual(Box::new(Dual { control, parts, inside, refined })))
@@ -273,15 +290,15 @@ mod tests {
 
     #[test]
     fn own_limits_are_feet_where_they_are_asked_for_and_at_dual_borders() {
-        let open = Vec::from_iter((0..72).filter(|face| face % 12 > 2));
+        let open: Vec<_> = (0..72).filter(|face| face % 12 > 2).collect();
         let open = select_faces(&torus(12, 8, false), &open).unwrap();
         for scheme in [Scheme::CatmullClark, Scheme::DooSabin] {
             let limits = LimitPlaces::new(&Topology::of(&open, how(scheme, 0))).unwrap().positions;
             let limits = limits.apply(open.positions());
-            let marked = Vec::from_iter((0..open.positions().len()).map(|k| k % 3 == 0));
+            let marked: Vec<_> = (0..open.positions().len()).map(|k| k % 3 == 0).collect();
             let edges = open.edges();
             let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, count)| **count == 1);
-            let border = Vec::from_iter(border.flat_map(|(ends, _)| *ends));
+            let border: Vec<_> = border.flat_map(|(ends, _)| *ends).collect();
             for (k, foot) in feet(&open, scheme, &marked).iter().enumerate() {
                 let at_border = scheme == Scheme::DooSabin && border.contains(&(k as u32));
                 let off = (foot.point - limits[k]).norm();

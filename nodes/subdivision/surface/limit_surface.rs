@@ -139,7 +139,9 @@ impl LimitSurface {
     fn smooth(&self, part: u32) -> Smooth {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
-        let is_known = |n: u8| (3..=MOST).contains(&usize::from(n));
+        fn is_known(n: u8) -> bool {
+            (3..=MOST).contains(&usize::from(n))
+        }
         match rules.scheme {
             PrimalScheme::Loop => match [3 * part, 3 * part + 1, 3 * part + 2].map(valence) {
                 [n, 6, 6] if is_known(n) => {

@@ -49,12 +49,17 @@ impl Piece {
             halves.iter().map(|&half| whole.corners()[half as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let local = |half: &u32| {
-            let vertex = whole.corners()[*half as usize];
-            vertices.partition_point(|&other| other < vertex) as u32
-        };
         let sides = whole.faces.sides().expect("one step makes all faces alike");
-        let faces_here = Faces::uniform(sides, halves.iter().map(local).collect::<Vec<_>>());
+        let faces_here = Faces::uniform(
+            sides,
+            halves
+                .iter()
+                .map(|half| {
+                    let vertex = whole.corners()[*half as usize];
+                    vertices.partition_point(|&other| other < vertex) as u32
+                })
+                .collect::<Vec<_>>(),
+        );
         let mesh = Connectivity::unchecked(
             &faces_here.expect("as many corners as counted"),
             vertices.len(),
@@ -102,8 +107,7 @@ impl Piece {
             }
             PrimalScheme::CatmullClark => {
                 let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
-                let is_regular = |&half: &u32| self.is_regular_corner(&sharpness, half);
-                halves.iter().all(is_regular).then(|| {
+                halves.iter().all(|&half| self.is_regular_corner(&sharpness, half)).then(|| {
                     let net = self.net(&sharpness, halves);
                     bicubic(|[i, j]| net[i][j], u, v)
                 })
@@ -136,7 +140,9 @@ impl Piece {
         let (ring, edges, class, place) = self.star(sharpness, half);
         let n = ring.edges.len();
         let softens = edges.before.iter().any(|&s| s > 0.0 && s < FOREVER);
-        let is_sharp = |place: usize| edges.before[place % n] > 0.0;
+        fn is_sharp(place: usize, n: usize, edges_before: &[f64]) -> bool {
+            edges_before[place % n] > 0.0
+        }
         match class {
             Class::Smooth => n == 4 && !edges.before.iter().any(|&s| s > 0.0),
             Class::Crease(first, second) => {
@@ -144,7 +150,11 @@ impl Piece {
                 let q = if inside { second - first } else { n - (second - first) };
                 q == 2 && !softens
             }
-            Class::Corner => is_sharp(place) && is_sharp(place + 1) && !softens,
+            Class::Corner => {
+                is_sharp(place, n, &edges.before)
+                    && is_sharp(place + 1, n, &edges.before)
+                    && !softens
+            }
         }
     }
 
@@ -208,13 +218,20 @@ impl Piece {
     ) -> Option<[Vector3<f64>; 6]> {
         let (ring, edges, class, place) = self.star(sharpness, half);
         let n = ring.edges.len();
-        let at = |place: usize| self.points[ring.neighbors[place % n] as usize].coords;
+        fn at(
+            place: usize,
+            n: usize,
+            ring_neighbors: &[u32],
+            points: &[Point3<f64>],
+        ) -> Vector3<f64> {
+            points[ring_neighbors[place % n] as usize].coords
+        }
         if edges.before.iter().any(|&s| s > 0.0 && s < FOREVER) {
             return None;
         }
         match class {
             Class::Smooth if n == 6 && edges.before.iter().all(|&s| s == 0.0) => {
-                Some(std::array::from_fn(|k| at(place + k)))
+                Some(std::array::from_fn(|k| at(place + k, n, &ring.neighbors, &self.points)))
             }
             Class::Crease(first, second) => {
                 let inside = (first..second).contains(&place);
@@ -224,7 +241,8 @@ impl Piece {
                     return None;
                 }
                 let own = self.at(half);
-                let side: [Vector3<f64>; 4] = std::array::from_fn(|k| at(start + k));
+                let side: [Vector3<f64>; 4] =
+                    std::array::from_fn(|k| at(start + k, n, &ring.neighbors, &self.points));
                 let mirrored = [own + side[3] - side[2], own + side[0] - side[1]];
                 let around: [Vector3<f64>; 6] =
                     std::array::from_fn(|k| if k < 4 { side[k] } else { mirrored[k - 4] });
@@ -255,16 +273,16 @@ impl Piece {
             rows.end();
             stars.tangents(scratch, vertex, start, rows);
         });
-        let at = |row: usize| {
-            rows.point(row.min(rows.len() - 1), |column| self.points[column as usize]).coords
-        };
+        fn at(row: usize, rows: &Stencils, points: &[Point3<f64>]) -> Vector3<f64> {
+            rows.point(row.min(rows.len() - 1), |column| points[column as usize]).coords
+        }
         // The sides begin at the sharp edges; what comes before the first one belongs to the last.
         let sides = (rows.len() - 1) / 2;
         let before = edges.before[..=place].iter().filter(|&&s| s > 0.0).count();
         let side = (before + sides).saturating_sub(1) % sides.max(1);
         LimitPoint {
-            point: at(0).into(),
-            first: [at(1 + 2 * side), at(2 + 2 * side)],
+            point: at(0, &rows, &self.points).into(),
+            first: [at(1 + 2 * side, &rows, &self.points), at(2 + 2 * side, &rows, &self.points)],
             second: None,
         }
     }

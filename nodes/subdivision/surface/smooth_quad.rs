@@ -139,9 +139,9 @@ impl Around {
         self.new_ring(n, ring);
         let net = &self.net;
         let [weight, at_neighbor, at_face] = CatmullClarkMasks.vertex(n);
-        let sum = |k: usize, of: &[[Vector3<f64>; 2]]| {
+        fn sum(k: usize, of: &[[Vector3<f64>; 2]]) -> Vector3<f64> {
             of.iter().map(|pair| pair[k]).sum::<Vector3<f64>>()
-        };
+        }
         fine[1][1] = net[1][1] * weight
             + sum(0, &self.ring[..n]) * at_neighbor
             + sum(1, &ring[..n]) * at_face;
@@ -153,9 +153,9 @@ impl Around {
         (fine[4][0], fine[4][2]) = (self.middle(2, 0), self.middle(2, 1));
         fine[4][4] = self.middle(2, 2);
         (fine[2][4], fine[0][4]) = (self.middle(1, 2), self.middle(0, 2));
-        let on_edge = |a: Vector3<f64>, b: Vector3<f64>, beside: [Vector3<f64>; 2]| {
+        fn on_edge(a: Vector3<f64>, b: Vector3<f64>, beside: [Vector3<f64>; 2]) -> Vector3<f64> {
             (a + b + beside[0] + beside[1]) * 0.25
-        };
+        }
         fine[3][0] = on_edge(net[2][1], net[2][0], [fine[2][0], fine[4][0]]);
         fine[3][2] = on_edge(net[2][1], net[2][2], [fine[2][2], fine[4][2]]);
         fine[3][4] = on_edge(net[2][2], net[2][3], [fine[2][4], fine[4][4]]);

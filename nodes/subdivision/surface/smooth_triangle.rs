@@ -50,9 +50,11 @@ impl SmoothTriangle {
     /// The triangle in which `half` runs from the first corner, which has `n` neighbors, 3 at least; the others have six.
     pub(crate) fn around(mesh: &Connectivity, points: &[Point3<f64>], half: u32, n: usize) -> Self {
         let corners = mesh.corners();
-        let at = |half: u32| points[corners[half as usize] as usize].coords;
+        fn at(half: u32, points: &[Point3<f64>], corners: &[u32]) -> Vector3<f64> {
+            points[corners[half as usize] as usize].coords
+        }
         let turned = |half: u32| mesh.twin(mesh.previous(half));
-        let end = |half: u32| at(mesh.next(half));
+        let end = |half: u32| at(mesh.next(half), points, corners);
         let zero = Vector3::zeros();
         let (mut ring, mut beyond) = ([zero; MOST], [zero; 5]);
         let mut spoke = half;
@@ -72,7 +74,7 @@ impl SmoothTriangle {
             *place = end(spoke);
             spoke = turned(spoke);
         }
-        Self { steps: vec![Around { own: at(half), ring, beyond, n }], last: None }
+        Self { steps: vec![Around { own: at(half, points, corners), ring, beyond, n }], last: None }
     }
 
     /// The surface at `(u, v)`, where the corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; none too near to an irregular corner.

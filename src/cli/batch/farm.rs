@@ -103,21 +103,23 @@ impl Batch {
     fn words(&self) -> Vec<String> {
         let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
         let mut words = vec![program, "batch".into(), in_project(&self.file)];
-        let mut add = |name: &str, value: &str| words.extend([name.to_owned(), value.to_owned()]);
+        fn add(name: &str, value: &str, words: &mut Vec<String>) {
+            words.extend([name.to_owned(), value.to_owned()])
+        }
         for (name, values) in &self.values {
-            add("--sweep", &format!("{name}={values}"));
+            add("--sweep", &format!("{name}={values}"), &mut words);
         }
         if let Some(scans) = &self.scans {
-            add("--scans", &in_project(scans.as_ref()));
+            add("--scans", &in_project(scans.as_ref()), &mut words);
         }
         if let Some(out) = &self.out {
-            add("--out", &in_project(out));
+            add("--out", &in_project(out), &mut words);
         }
         if self.threads != 0 {
-            add("--threads", &self.threads.to_string());
+            add("--threads", &self.threads.to_string(), &mut words);
         }
         if let Some(limit) = self.farm.time_limit {
-            add("--time-limit", &in_words(limit));
+            add("--time-limit", &in_words(limit), &mut words);
         }
         if self.retry {
             words.push("--retry".into());

@@ -104,8 +104,10 @@ impl Batch {
         let all = &tasks.sweep.tasks;
         let records = all.iter().map(|task| Record::read(tasks.out, &task.name));
         let records = Vec::from_iter(records);
-        let count = |state| records.iter().flatten().filter(|it| it.state == state).count();
-        let (done, failed) = (count(State::Done), count(State::Failed));
+        fn count(state: State, records: &[Option<Record>]) -> usize {
+            records.iter().flatten().filter(|it| it.state == state).count()
+        }
+        let (done, failed) = (count(State::Done, &records), count(State::Failed, &records));
         let missing = all.len() - done - failed;
         let sheet = path.display().to_string();
         let mut fields =

@@ -17,9 +17,10 @@ pub(super) fn table(parts: &Parts<'_>) -> String {
     }
     let head = ["name", "on", "meaning", "width", "count", "least", "greatest", "mean"];
     let rows: Vec<[String; 8]> = parts.columns.iter().map(row).collect();
-    let rows = Vec::from_iter(std::iter::once(head.map(str::to_owned)).chain(rows));
-    let wide = |column: usize| rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
-    let widths: [usize; 8] = std::array::from_fn(wide);
+    let rows: Vec<_> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
+    let widths: [usize; 8] = std::array::from_fn(|column: usize| {
+        rows.iter().map(|row| row[column].len()).max().unwrap_or(0)
+    });
     for row in &rows {
         let mut line = String::new();
         for (cell, width) in row.iter().zip(widths) {
@@ -36,22 +37,22 @@ fn row(part: &Part<'_>) -> [String; 8] {
         ..=WIDE => part.ranges(),
         _ => maquette_value::ranges(&part.items.numbers(), 1),
     };
-    let numbers = |of: fn(&Range) -> f64| {
+    fn numbers(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> String {
         let number = |range: &Option<Range>| range.as_ref().map_or("-".into(), |it| six(of(it)));
         match &ranges[..] {
             [one] => number(one),
-            all => format!("({})", Vec::from_iter(all.iter().map(number)).join(", ")),
+            all => format!("({})", all.iter().map(number).collect::<Vec<_>>().join(", ")),
         }
-    };
+    }
     [
         part.name.clone().into_owned(),
         part.on.word().to_owned(),
         part.meaning.word().to_owned(),
         part.width.to_string(),
         part.count().to_string(),
-        numbers(|range| range.least),
-        numbers(|range| range.greatest),
-        numbers(|range| range.mean),
+        numbers(|range| range.least, &ranges),
+        numbers(|range| range.greatest, &ranges),
+        numbers(|range| range.mean, &ranges),
     ]
 }
 
@@ -61,18 +62,18 @@ pub(super) fn json(parts: &Parts<'_>) -> Json {
         parts.facts.iter().map(|fact| (fact.name.to_string(), json!(fact.value.to_string())));
     let column = |part: &Part<'_>| {
         let ranges = part.ranges();
-        let numbers = |of: fn(&Range) -> f64| {
-            Vec::from_iter(ranges.iter().map(|range| range.as_ref().map(of)))
-        };
+        fn numbers(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> Vec<Option<f64>> {
+            ranges.iter().map(|range| range.as_ref().map(of)).collect::<Vec<_>>()
+        }
         json!({
             "name": part.name,
             "on": part.on.word(),
             "meaning": part.meaning.word(),
             "width": part.width,
             "count": part.count(),
-            "least": numbers(|range| range.least),
-            "greatest": numbers(|range| range.greatest),
-            "mean": numbers(|range| range.mean),
+            "least": numbers(|range| range.least, &ranges),
+            "greatest": numbers(|range| range.greatest, &ranges),
+            "mean": numbers(|range| range.mean, &ranges),
             "compared": !part.aside,
         })
     };

@@ -27,8 +27,11 @@ impl Elements {
         let parts = value.parts();
         let mesh = value.get::<Mesh>();
         // The edges of a mesh are more than those with a crease.
-        let own = |part: &&Part<'_>| part.on == on && !(on == On::Edge && mesh.is_some());
-        let parts_of = Vec::from_iter(parts.columns.iter().filter(own));
+        let parts_of: Vec<_> = parts
+            .columns
+            .iter()
+            .filter(|part| part.on == on && !(on == On::Edge && mesh.is_some()))
+            .collect();
         let derived = mesh.map_or_else(Vec::new, |mesh| derived(mesh, on));
         let count = parts_of.first().map(|part| part.count());
         let count = count.or_else(|| derived.first().map(|column| column.numbers.len()))?;
@@ -38,8 +41,7 @@ impl Elements {
             elements.push("column", (0..count).map(|index| (index % row) as f64).collect());
             elements.push("row", (0..count).map(|index| (index / row) as f64).collect());
         }
-        let fits = |part: &&&Part<'_>| part.width <= WIDEST && part.count() == count;
-        for part in parts_of.iter().filter(fits) {
+        for part in parts_of.iter().filter(|part| part.width <= WIDEST && part.count() == count) {
             let numbers = part.items.numbers();
             let names = names(part, elements.columns.iter().all(|column| column.name != "x"));
             for (component, name) in names.into_iter().enumerate() {
@@ -71,7 +73,7 @@ impl Elements {
 /// The kinds of elements that a value has.
 pub(super) fn kinds(value: &AnyValue) -> Vec<On> {
     let mut kinds = Vec::new();
-    let of_parts = Vec::from_iter(value.parts().columns.iter().map(|part| part.on));
+    let of_parts: Vec<_> = value.parts().columns.iter().map(|part| part.on).collect();
     let of_mesh = [On::Vertex, On::Face, On::Edge, On::Corner];
     let of_mesh = of_mesh.into_iter().filter(|_| value.get::<Mesh>().is_some());
     for on in of_mesh.chain(of_parts) {
@@ -102,8 +104,9 @@ pub(super) fn plural(on: On) -> &'static str {
 fn names(part: &Part<'_>, is_first: bool) -> Vec<String> {
     let own = ["face ", "corner "].iter().find_map(|of| part.name.strip_prefix(of));
     let own = own.map_or_else(|| part.name.clone(), Cow::Borrowed);
-    let letter = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
-    let name = String::from_iter(own.chars().map(letter));
+    let name = String::from_iter(
+        own.chars().map(|c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }),
+    );
     let suffixes: &[&str] = match (part.width, part.meaning) {
         (1, _) => return vec![name],
         (2, _) => &["u", "v"],
@@ -138,18 +141,23 @@ fn places(places: &[Point3<f64>]) -> [Numbers; 3] {
 
 /// The middle, the area in mm^2, the unit normal and the number of corners.
 fn of_faces(mesh: &Mesh) -> Vec<Numbers> {
-    let at = |vertex: &u32| mesh.positions()[*vertex as usize].coords;
-    let middle = |face: &[u32]| {
-        let sum: nalgebra::Vector3<f64> = face.iter().map(at).sum();
-        Point3::from(sum / face.len() as f64)
-    };
     let faces = || mesh.faces().iter();
-    let mut columns = Vec::from(places(&Vec::from_iter(faces().map(middle))));
-    let areas = Vec::from_iter(faces().map(|face| mesh.area_vector(face)));
+    let mut columns = Vec::from(places(
+        &faces()
+            .map(|face| {
+                let sum: nalgebra::Vector3<f64> =
+                    face.iter().map(|vertex| mesh.positions()[*vertex as usize].coords).sum();
+                Point3::from(sum / face.len() as f64)
+            })
+            .collect::<Vec<_>>(),
+    ));
+    let areas: Vec<_> = faces().map(|face| mesh.area_vector(face)).collect();
     columns.push(column("area", areas.iter().map(nalgebra::Vector3::norm)));
     for (axis, name) in ["normal_x", "normal_y", "normal_z"].into_iter().enumerate() {
-        let unit = |area: &nalgebra::Vector3<f64>| area.try_normalize(0.0).map_or(0.0, |n| n[axis]);
-        columns.push(column(name, areas.iter().map(unit)));
+        columns.push(column(
+            name,
+            areas.iter().map(|area| area.try_normalize(0.0).map_or(0.0, |n| n[axis])),
+        ));
     }
     columns.push(column("sides", faces().map(|face| face.len() as f64)));
     columns
@@ -158,18 +166,22 @@ fn of_faces(mesh: &Mesh) -> Vec<Numbers> {
 /// The ends, the middle, the length in mm, how many faces meet there, and the sharpness of a crease.
 fn of_edges(mesh: &Mesh) -> Vec<Numbers> {
     let edges = mesh.edges();
-    let at = |vertex: u32| mesh.positions()[vertex as usize];
+    fn at(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
     let ends = || edges.vertices.iter();
     let end = |which: usize| ends().map(move |edge| f64::from(edge[which]));
     let mut columns = vec![column("from", end(0)), column("to", end(1))];
-    let middles = Vec::from_iter(ends().map(|&[a, b]| center(&at(a), &at(b))));
+    let middles: Vec<_> = ends().map(|&[a, b]| center(&at(a, mesh), &at(b, mesh))).collect();
     columns.extend(places(&middles));
-    columns.push(column("length", ends().map(|&[a, b]| (at(b) - at(a)).norm())));
+    columns.push(column("length", ends().map(|&[a, b]| (at(b, mesh) - at(a, mesh)).norm())));
     columns.push(column("faces", edges.faces.iter().map(|count| f64::from(*count))));
     if mesh.creases().len() > 0 {
         let creases = std::collections::HashMap::<_, _>::from_iter(mesh.creases());
-        let sharpness = |edge| creases.get(edge).copied().unwrap_or(0.0);
-        columns.push(column("sharpness", ends().map(sharpness)));
+        columns.push(column(
+            "sharpness",
+            ends().map(|edge| creases.get(edge).copied().unwrap_or(0.0)),
+        ));
     }
     columns
 }
@@ -181,7 +193,8 @@ fn of_corners(mesh: &Mesh) -> Vec<Numbers> {
     let corners = mesh.faces().corners();
     let mut columns = vec![column("face", face)];
     columns.push(column("vertex", corners.iter().map(|vertex| f64::from(*vertex))));
-    let at = |vertex: &u32| mesh.positions()[*vertex as usize];
-    columns.extend(places(&Vec::from_iter(corners.iter().map(at))));
+    columns.extend(places(
+        &corners.iter().map(|vertex| mesh.positions()[*vertex as usize]).collect::<Vec<_>>(),
+    ));
     columns
 }

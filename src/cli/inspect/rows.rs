@@ -5,7 +5,7 @@ use std::fmt::Write;
 use clap::Args;
 use maquette_engine::six;
 use maquette_syntax::unknown;
-use maquette_value::{AnyValue, On, Range, ranges};
+use maquette_value::{AnyValue, Range, ranges};
 use serde_json::{Value as Json, json};
 
 use super::elements::{Elements, Numbers, kinds, plural};
@@ -54,22 +54,20 @@ impl RowOptions {
         of: Option<&str>,
         found: &[(&'v str, &AnyValue)],
     ) -> Result<(&'v str, Rows), String> {
-        let all = Vec::from_iter(found.iter().flat_map(|(_, value)| kinds(value)));
-        let known = Vec::from_iter(all.iter().map(|on| plural(*on)));
+        let all: Vec<_> = found.iter().flat_map(|(_, value)| kinds(value)).collect();
+        let known: Vec<_> = all.iter().map(|on| plural(*on)).collect();
         let Some(word) = of else {
             let (first, some) = (known.first().unwrap_or(&"faces"), known.join(", "));
             return Err(format!("say of which elements: --table {first}; there are: {some}"));
         };
         // Cells of a grid are its pixels.
         let word = if matches!(word, "cell" | "cells") { "pixels" } else { word };
-        let is_meant = |on: &&On| plural(**on) == word || on.word() == word;
         let on = all
             .iter()
-            .find(is_meant)
+            .find(|on| plural(**on) == word || on.word() == word)
             .copied()
             .ok_or_else(|| unknown(format!("it has no {word}"), word, "there are", &known))?;
-        let of = |(name, value): &(&'v str, &AnyValue)| Some((*name, Elements::of(value, on)?));
-        let found = found.iter().find_map(of);
+        let found = found.iter().find_map(|(name, value)| Some((*name, Elements::of(value, on)?)));
         let (name, elements) = found.ok_or_else(|| format!("it has no {word}"))?;
         Ok((name, Rows::new(elements, self)?))
     }
@@ -89,29 +87,32 @@ impl Rows {
     fn new(elements: Elements, options: &RowOptions) -> Result<Self, String> {
         let names = elements.names();
         let what = plural(elements.on);
-        let place = |wanted: &str| {
+        fn place(wanted: &str, names: &[&str], what: &str) -> Result<usize, String> {
             names.iter().position(|name| *name == wanted).ok_or_else(|| {
                 let message = format!("there is no column `{wanted}` of {what}");
-                unknown(message, wanted, "its columns", &names)
+                unknown(message, wanted, "its columns", names)
             })
-        };
+        }
         let columns = match &options.columns[..] {
             [] => (0..names.len()).collect(),
-            wanted => wanted.iter().map(|name| place(name.trim())).collect::<Result<_, _>>()?,
+            wanted => wanted
+                .iter()
+                .map(|name| place(name.trim(), &names, what))
+                .collect::<Result<_, _>>()?,
         };
-        let mut rows = Vec::from_iter(0..elements.count);
+        let mut rows: Vec<_> = (0..elements.count).collect();
         if let Some(text) = &options.condition {
             let condition = Condition::read(text, &names, what)?;
             let used = condition.names().filter_map(|name| elements.column(name));
             let used = Vec::from_iter(used);
-            let number = |row: usize, name: &str| {
+            fn number(row: usize, name: &str, used: &[&Numbers]) -> f64 {
                 used.iter()
                     .find(|column| column.name == name)
                     .map_or(f64::NAN, |it| it.numbers[row])
-            };
+            }
             let mut kept = Vec::new();
             for row in rows {
-                if condition.holds(|name| number(row, name))? {
+                if condition.holds(|name| number(row, name, &used))? {
                     kept.push(row);
                 }
             }
@@ -122,7 +123,7 @@ impl Rows {
                 Some(name) => (name, true),
                 None => (&sort[..], false),
             };
-            let numbers = &elements.columns[place(name)?].numbers;
+            let numbers = &elements.columns[place(name, &names, what)?].numbers;
             // What is no number comes last either way.
             rows.sort_by(|&a, &b| {
                 let [a, b] = [a, b].map(|row| numbers[row]);
@@ -146,32 +147,35 @@ impl Rows {
 
     /// Least, greatest and mean of a column over all rows that were found.
     fn range(&self, column: &Numbers) -> Option<Range> {
-        let numbers = Vec::from_iter(self.rows.iter().map(|&row| column.numbers[row]));
+        let numbers: Vec<_> = self.rows.iter().map(|&row| column.numbers[row]).collect();
         ranges(&numbers, 1).remove(0)
     }
 
     /// A line for each row, then the least, the greatest and the mean of all that were found.
     pub(super) fn table(&self) -> String {
         let shown = self.shown(FEW);
-        let mut cells = vec![Vec::from_iter(self.columns().map(|column| column.name.clone()))];
+        let mut cells = vec![self.columns().map(|column| column.name.clone()).collect::<Vec<_>>()];
         for &row in shown {
             cells.push(self.columns().map(|column| six(column.numbers[row])).collect());
         }
-        let ranges = Vec::from_iter(self.columns().map(|column| self.range(column)));
-        let summary = |of: fn(&Range) -> f64| {
-            let cell = |range: &Option<Range>| range.as_ref().map_or("-".into(), |it| six(of(it)));
-            Vec::from_iter(ranges.iter().map(cell))
-        };
-        cells.push(summary(|range| range.least));
-        cells.push(summary(|range| range.greatest));
-        cells.push(summary(|range| range.mean));
+        let ranges: Vec<_> = self.columns().map(|column| self.range(column)).collect();
+        fn summary(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> Vec<String> {
+            ranges
+                .iter()
+                .map(|range| range.as_ref().map_or("-".into(), |it| six(of(it))))
+                .collect::<Vec<_>>()
+        }
+        cells.push(summary(|range| range.least, &ranges));
+        cells.push(summary(|range| range.greatest, &ranges));
+        cells.push(summary(|range| range.mean, &ranges));
         let heads = ["", "least", "greatest", "mean"];
         let head = |line: usize| match line.checked_sub(shown.len() + 1) {
             Some(last) => heads[last + 1],
             None => heads[0],
         };
-        let wide = |column: usize| cells.iter().map(|row| row[column].len()).max().unwrap_or(0);
-        let widths = Vec::from_iter((0..cells[0].len()).map(wide));
+        let widths: Vec<_> = (0..cells[0].len())
+            .map(|column: usize| cells.iter().map(|row| row[column].len()).max().unwrap_or(0))
+            .collect();
         let mut text = String::new();
         for (line, row) in cells.iter().enumerate() {
             let _ = write!(text, "  {:<8}", head(line));
@@ -192,7 +196,7 @@ impl Rows {
 
     /// A line of names, then a line for each row, with every digit.
     pub(super) fn csv(&self) -> String {
-        let mut text = Vec::from_iter(self.columns().map(|column| &column.name[..])).join(",");
+        let mut text = self.columns().map(|column| &column.name[..]).collect::<Vec<_>>().join(",");
         text.push('\n');
         for &row in self.shown(0) {
             for (place, column) in self.columns().enumerate() {
@@ -207,15 +211,18 @@ impl Rows {
     pub(super) fn json(&self) -> Json {
         let column = |column: &Numbers| {
             let range = self.range(column);
-            let of = |of: fn(&Range) -> f64| range.as_ref().map(of);
+            fn of(of: fn(&Range) -> f64, range: &Option<Range>) -> Option<f64> {
+                range.as_ref().map(of)
+            }
             json!({
                 "name": column.name,
-                "least": of(|range| range.least),
-                "greatest": of(|range| range.greatest),
-                "mean": of(|range| range.mean),
+                "least": of(|range| range.least, &range),
+                "greatest": of(|range| range.greatest, &range),
+                "mean": of(|range| range.mean, &range),
             })
         };
-        let row = |&row: &usize| Vec::from_iter(self.columns().map(|column| column.numbers[row]));
+        let row =
+            |&row: &usize| self.columns().map(|column| column.numbers[row]).collect::<Vec<_>>();
         json!({
             "on": self.elements.on.word(),
             "count": self.elements.count,

@@ -74,9 +74,12 @@ impl WatchList {
     /// The files about which an event at this path may say something.
     pub(crate) fn touched(&self, path: &Path) -> Vec<&Watched> {
         let at = self.by_place.get(path).into_iter().flatten().map(|&index| &self.files[index]);
-        let inside = |file: &&Watched| file.places.iter().any(|place| place.parent() == Some(path));
         match self.folders.contains(path) {
-            true => self.files.iter().filter(inside).collect(),
+            true => self
+                .files
+                .iter()
+                .filter(|file| file.places.iter().any(|place| place.parent() == Some(path)))
+                .collect(),
             false => at.collect(),
         }
     }

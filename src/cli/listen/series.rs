@@ -66,8 +66,10 @@ impl Series {
 
     /// Takes the open files that are to be read.
     pub(crate) fn take_grown(&mut self, now: Instant) -> Vec<PathBuf> {
-        let is_due = |_: &PathBuf, growth: &mut (Instant, Instant)| end_of(*growth) <= now;
-        self.open.extract_if(.., is_due).map(|(file, _)| file).collect()
+        self.open
+            .extract_if(.., |_, growth: &mut (Instant, Instant)| end_of(*growth) <= now)
+            .map(|(file, _)| file)
+            .collect()
     }
 
     /// When outputs may be written; none if they need not wait.
@@ -121,7 +123,7 @@ mod tests {
 
     #[test]
     fn a_stream_of_saves_does_not_starve_outputs() {
-        check(&Vec::from_iter((0..100).map(|k| k * 100)), 3000);
+        check(&(0..100).map(|k| k * 100).collect::<Vec<_>>(), 3000);
     }
 
     #[test]

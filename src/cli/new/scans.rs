@@ -50,8 +50,9 @@ impl Scans {
     /// # Errors
     /// In words: nothing is there.
     pub(super) fn of(path: &Path, catalog: &Catalog) -> Result<Self, String> {
-        let unread = |error| format!("cannot read {}: {error}", path.shown());
-        let is_folder = fs::metadata(path).map_err(unread)?.is_dir();
+        let is_folder = fs::metadata(path)
+            .map_err(|error| format!("cannot read {}: {error}", path.shown()))?
+            .is_dir();
         let folder = if is_folder { path.to_owned() } else { path.with_file_name("") };
         let mut files = Vec::new();
         match is_folder {
@@ -88,9 +89,11 @@ impl Scans {
         });
         let mut groups = groups.into_iter().map(|(_, scans)| scans);
         let all = groups.next().unwrap_or_default();
-        let mut others = Vec::from_iter(groups.flatten().map(|scan| (scan.file, scan.kind)));
-        let is_used = |file: &Path| all.iter().any(|scan| scan.picture.as_deref() == Some(file));
-        let pictures = pictures.into_iter().filter(|(file, _)| !is_used(file));
+        let mut others: Vec<_> = groups.flatten().map(|scan| (scan.file, scan.kind)).collect();
+        fn is_used(file: &Path, all: &[Scan]) -> bool {
+            all.iter().any(|scan| scan.picture.as_deref() == Some(file))
+        }
+        let pictures = pictures.into_iter().filter(|(file, _)| !is_used(file, &all));
         others.extend(pictures.map(|(file, _)| (file, Image::NAME)));
         Ok(Self { folder, all, others, unread })
     }
@@ -148,7 +151,7 @@ pub(super) fn in_words(kind: &str, count: usize) -> &'static str {
 fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     let place = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let Ok(entries) = fs::read_dir(place) else { return };
-    let mut names = Vec::from_iter(entries.flatten().map(|entry| entry.file_name()));
+    let mut names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
     names.sort_by_cached_key(|name| by_numbers(&name.to_string_lossy()));
     names.retain(|name| !name.to_string_lossy().starts_with('.'));
     for path in names.into_iter().map(|name| folder.join(name)) {
@@ -162,7 +165,9 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
 
 /// A name by which 2 comes before 10: a scanner counts, and so does a turntable.
 fn by_numbers(name: &str) -> String {
-    let is_digit = |c: char| c.is_ascii_digit();
+    fn is_digit(c: char) -> bool {
+        c.is_ascii_digit()
+    }
     let mut key = String::new();
     let mut rest = name;
     while let Some(start) = rest.find(is_digit) {
@@ -270,7 +275,9 @@ fn picture_of(
     size: Option<[usize; 2]>,
     pictures: &[(PathBuf, [usize; 2])],
 ) -> Option<PathBuf> {
-    let stem = |file: &Path| file.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+    fn stem(file: &Path) -> String {
+        file.file_stem().unwrap_or_default().to_string_lossy().to_lowercase()
+    }
     let own = stem(scan);
     let beside = pictures.iter().filter(|(file, _)| file.parent() == scan.parent());
     let best = beside.max_by_key(|(file, picture)| {

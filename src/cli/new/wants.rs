@@ -5,7 +5,7 @@ use std::path::Path;
 use maquette_graph::catalog::Catalog;
 use maquette_node::pack::Recipe;
 use maquette_syntax::paths::path_between;
-use maquette_syntax::{Field, Kind, Tree, parse, quoted};
+use maquette_syntax::{Kind, Tree, parse, quoted};
 use maquette_value::plain::ending;
 use maquette_value::{Image, Value as _};
 
@@ -54,22 +54,27 @@ impl Wants {
             Some((field.name.text.clone(), kind.to_owned()))
         })?;
         let pictures = catalog.readers().endings(Some(Image::NAME));
-        let is_picture = |field: &&Field| {
-            let file = field.value.text().map(|text| ending(text.as_ref()));
-            field.name.text != scan.0 && file.is_some_and(|file| pictures.contains(&&file[..]))
-        };
-        let picture = fields.iter().find(is_picture).map(|field| field.name.text.clone());
+        let picture = fields
+            .iter()
+            .find(|field| {
+                let file = field.value.text().map(|text| ending(text.as_ref()));
+                field.name.text != scan.0 && file.is_some_and(|file| pictures.contains(&&file[..]))
+            })
+            .map(|field| field.name.text.clone());
         let has = ["unit", "axes"].map(|field| schema["properties"].get(field).is_some());
         Some(Self { node: name.to_owned(), many, scan, picture, has })
     }
 
     /// Those of the scans that it can read.
     pub(super) fn used<'s>(&self, scans: &'s [Scan]) -> Vec<&'s Scan> {
-        let fits = |scan: &&Scan| {
-            scan.kind == self.scan.1 && (self.picture.is_none() || scan.picture.is_some())
-        };
         let most = if self.many { usize::MAX } else { 1 };
-        scans.iter().filter(fits).take(most).collect()
+        scans
+            .iter()
+            .filter(|scan| {
+                scan.kind == self.scan.1 && (self.picture.is_none() || scan.picture.is_some())
+            })
+            .take(most)
+            .collect()
     }
 
     pub(super) fn fit(&self, scans: &[Scan]) -> bool {
@@ -85,14 +90,14 @@ impl Wants {
 
     /// The values of the recipe's fields, relative to the folder of its graph.
     pub(super) fn values(&self, scans: &[Scan], base: &Path) -> Vec<(String, String)> {
-        let path = |file: &Path| {
+        fn path(file: &Path, base: &Path) -> String {
             let file = std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
             quoted(&path_between(base, &file))
-        };
+        }
         let fields = |scan: &Scan| {
-            let mut fields = vec![(self.scan.0.clone(), path(&scan.file))];
+            let mut fields = vec![(self.scan.0.clone(), path(&scan.file, base))];
             let picture = self.picture.iter().zip(&scan.picture);
-            fields.extend(picture.map(|(field, picture)| (field.clone(), path(picture))));
+            fields.extend(picture.map(|(field, picture)| (field.clone(), path(picture, base))));
             let [unit, axes] = self.has;
             fields.extend((unit && scan.in_meters).then(|| ("unit".to_owned(), "M".to_owned())));
             fields.extend((axes && scan.y_up).then(|| ("axes".to_owned(), "YUp".to_owned())));
@@ -100,16 +105,22 @@ impl Wants {
         };
         let used = self.used(scans);
         if self.many {
-            let element = |scan: &&Scan| {
-                let fields =
-                    fields(scan).into_iter().map(|(field, value)| format!("{field}: {value}"));
-                format!("({})", Vec::from_iter(fields).join(", "))
-            };
-            let elements = Vec::from_iter(used.iter().map(element));
+            let elements: Vec<_> = used
+                .iter()
+                .map(|scan| {
+                    let fields =
+                        fields(scan).into_iter().map(|(field, value)| format!("{field}: {value}"));
+                    format!("({})", Vec::from_iter(fields).join(", "))
+                })
+                .collect();
             return vec![(format!("{}.over", self.node), format!("[{}]", elements.join(", ")))];
         }
-        let named = |(field, value)| (format!("{}.{field}", self.node), value);
-        used.first().map(|scan| fields(scan)).unwrap_or_default().into_iter().map(named).collect()
+        used.first()
+            .map(|scan| fields(scan))
+            .unwrap_or_default()
+            .into_iter()
+            .map(|(field, value)| (format!("{}.{field}", self.node), value))
+            .collect()
     }
 }
 

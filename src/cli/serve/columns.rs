@@ -91,21 +91,23 @@ impl Columns {
         let answers = self.last.iter().flat_map(|(_, answers)| answers).flatten();
         let needed: BTreeSet<&String> = answers.collect();
         let gone = self.held.iter().filter(|name| !needed.contains(name));
-        for name in Vec::from_iter(gone.cloned()) {
+        for name in gone.cloned().collect::<Vec<_>>() {
             self.shelf.drop_file(&name);
             self.held.remove(&name);
         }
         let held = &self.held;
-        let is_held = |file: &Json| file["file"].as_str().is_some_and(|it| held.contains(it));
-        self.descriptions.retain(|(_, files)| files.iter().all(is_held));
+        self.descriptions.retain(|(_, files)| {
+            files.iter().all(|file| file["file"].as_str().is_some_and(|it| held.contains(it)))
+        });
     }
 
     /// Puts bytes into a file, if it is not there; gives its name.
     fn keep(&mut self, bytes: &[u8], ending: &str) -> Result<String, String> {
         let name = format!("{}.{ending}", Hash::of(bytes));
         if !self.held.contains(&name) {
-            let failed = |error| format!("{}: {error}", self.shelf.path().join(&name).display());
-            self.shelf.put(&name, bytes).map_err(failed)?;
+            self.shelf
+                .put(&name, bytes)
+                .map_err(|error| format!("{}: {error}", self.shelf.path().join(&name).display()))?;
             self.held.insert(name.clone());
         }
         self.named.insert(name.clone());
@@ -119,7 +121,7 @@ impl Columns {
     fn column(&mut self, part: &Part<'_>, single: bool) -> Result<Json, String> {
         let (bytes, numbers): (Cow<'_, [u8]>, _) = match &part.items {
             Items::F64(items) if single => {
-                let items = Vec::from_iter(items.iter().map(|&x| x as f32));
+                let items: Vec<_> = items.iter().map(|&x| x as f32).collect();
                 (bytemuck::cast_slice(&items).to_vec().into(), "f32")
             }
             Items::F64(items) => (bytemuck::cast_slice(items).into(), "f64"),
@@ -232,16 +234,20 @@ impl Columns {
         // Programs that draw have texture coordinates at corners.
         let uv = parts.columns.iter().position(|it| it.on == On::Vertex && it.name == "uv");
         if let Some(Part { items: Items::F64(items), .. }) = uv.map(|uv| parts.columns.remove(uv)) {
-            let at = |&corner: &u32| {
-                let place = 2 * corner as usize;
-                [items[place], items[place + 1]]
-            };
-            let items = Vec::from_iter(corners.iter().flat_map(at));
+            let items: Vec<_> = corners
+                .iter()
+                .flat_map(|&corner| {
+                    let place = 2 * corner as usize;
+                    [items[place], items[place + 1]]
+                })
+                .collect();
             parts.push("uv", On::Corner, Meaning::Number, 2, items);
         }
         let mut columns = self.columns(&parts.columns, true)?;
-        let is_of_faces = |column: &&Json| column["name"] == "corners" || column["name"] == "sides";
-        let files = columns.iter().filter(is_of_faces).map(|column| column["file"].to_string());
+        let files = columns
+            .iter()
+            .filter(|column| column["name"] == "corners" || column["name"] == "sides")
+            .map(|column| column["file"].to_string());
         let faces = format!("{:?} {}", mesh.faces().sides(), Vec::from_iter(files).join(" "));
         columns.extend(self.edges(mesh, faces)?);
         told["columns"] = columns.into();
@@ -317,12 +323,12 @@ impl Columns {
 /// What is seen of a value in space: of a range image its points.
 fn layers(value: &AnyValue) -> Vec<Layer> {
     let Some(range) = value.get::<RangeImage>() else { return value.show() };
-    let valid = |cell: &usize| range.point(*cell).is_some();
-    let cells = Vec::from_iter((0..range.points().len()).filter(valid));
-    let places = Vec::from_iter(cells.iter().map(|&cell| range.points()[cell]));
+    let cells: Vec<_> =
+        (0..range.points().len()).filter(|cell| range.point(*cell).is_some()).collect();
+    let places: Vec<_> = cells.iter().map(|&cell| range.points()[cell]).collect();
     let points = Points::new(places).and_then(|points| match range.colors() {
         Some(colors) => {
-            let colors = Vec::from_iter(cells.iter().map(|&cell| colors[cell]));
+            let colors: Vec<_> = cells.iter().map(|&cell| colors[cell]).collect();
             points.with_attribute("color", Attribute::Color(colors.into()))
         }
         None => Ok(points),
@@ -338,18 +344,22 @@ fn word(axes: Axes) -> &'static str {
 }
 
 fn facts(parts: &Parts<'_>) -> Json {
-    let fact = |fact: &FactValue| match fact {
-        FactValue::Count(count) => json!(count),
-        FactValue::Size(size) => json!(size),
-        FactValue::Flag(flag) => json!(flag),
-        FactValue::Text(text) => json!(text),
-    };
+    fn fact(fact: &FactValue) -> Json {
+        match fact {
+            FactValue::Count(count) => json!(count),
+            FactValue::Size(size) => json!(size),
+            FactValue::Flag(flag) => json!(flag),
+            FactValue::Text(text) => json!(text),
+        }
+    }
     let facts = parts.facts.iter().map(|it| (it.name.to_string(), fact(&it.value)));
     Json::Object(Map::from_iter(facts))
 }
 
 fn fact(name: &str, fact: &Json) -> Result<FactValue, String> {
-    let count = |number: &Json| usize::try_from(number.as_u64()?).ok();
+    fn count(number: &Json) -> Option<usize> {
+        usize::try_from(number.as_u64()?).ok()
+    }
     let found = match fact {
         Json::Bool(flag) => Some((*flag).into()),
         Json::Number(_) => count(fact).map(FactValue::Count),

@@ -74,11 +74,11 @@ impl Layout {
         let mut text = format!(
             "// Where the nodes of {name} stand in an editor. Nothing else depends on it.\nLayout(\n"
         );
-        let line = |text: &mut String, name: &str, spot: &Option<Spot>| {
+        fn line(text: &mut String, name: &str, spot: &Option<Spot>) {
             if let Some((x, y)) = spot {
                 let _ = writeln!(text, "    {name}: ({x:.3}, {y:.3}),");
             }
-        };
+        }
         line(&mut text, "inputs", &self.inputs);
         text.push_str("    nodes: {\n");
         for (name, (x, y)) in &self.nodes {

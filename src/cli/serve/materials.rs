@@ -113,14 +113,16 @@ impl MaterialMessage {
             maps.insert(MapKind::of(kind.clone()), map.to_map(&read)?);
         }
         let [red, green, blue, _] = self.base_color;
-        let seen = |map: &Map| -> Result<Image, String> {
-            let picture = picture_file::read(&map.bytes);
-            let picture = picture.map_err(|error| format!("{}: {error}", map.file))?;
-            Ok(picture.multiply([red, green, blue]))
-        };
         Ok(Material {
             name: self.name.clone(),
-            picture: maps.get(&MapKind::BaseColor).map(seen).transpose()?,
+            picture: maps
+                .get(&MapKind::BaseColor)
+                .map(|map| -> Result<Image, String> {
+                    let picture = picture_file::read(&map.bytes);
+                    let picture = picture.map_err(|error| format!("{}: {error}", map.file))?;
+                    Ok(picture.multiply([red, green, blue]))
+                })
+                .transpose()?,
             base_color: self.base_color,
             metallic: self.metallic,
             roughness: self.roughness,

@@ -107,8 +107,10 @@ impl Runner {
         });
         let events = Events::new(listener, cancel.clone());
         let asked = session::Run { wanted, inputs, observer: &events, cancel: cancel.clone() };
-        let refused = |problems| Refused { why: "it cannot be run".into(), problems };
-        let finished = self.session.run(&graph, &asked).map_err(refused)?;
+        let finished = self
+            .session
+            .run(&graph, &asked)
+            .map_err(|problems| Refused { why: "it cannot be run".into(), problems })?;
         if cancel.is_cancelled() {
             return Ok(json!({ "cancelled": true }));
         }
@@ -135,11 +137,13 @@ impl Runner {
         graph: &Graph,
         want: Option<&[Want]>,
     ) -> BTreeMap<String, Json> {
-        let all = || {
-            let names = graph.results().map(|(name, _)| name.to_owned());
-            names.map(|value| Want { value, form: Form::default() }).collect()
-        };
-        let want = want.map_or_else(all, <[Want]>::to_vec);
+        let want = want.map_or_else(
+            || {
+                let names = graph.results().map(|(name, _)| name.to_owned());
+                names.map(|value| Want { value, form: Form::default() }).collect()
+            },
+            <[Want]>::to_vec,
+        );
         let mut values = BTreeMap::new();
         for Want { value: name, form } in want {
             let Some(value) = finished.value(&name) else { continue };
@@ -152,15 +156,17 @@ impl Runner {
     }
 
     fn inputs(&self, given: &BTreeMap<String, String>) -> Result<InputValues, Refused> {
-        let value = |(name, hash): (&String, &String)| {
-            let known = self.values.iter().find(|value| value.hash().to_string() == *hash);
-            let value = known.ok_or_else(|| {
-                let why = format!("there is no value {hash} for the input `{name}`");
-                Refused::from(why + ": make it with `input`; the last 64 are kept")
-            })?;
-            Ok((name.clone(), value.clone()))
-        };
-        given.iter().map(value).collect()
+        given
+            .iter()
+            .map(|(name, hash): (&String, &String)| {
+                let known = self.values.iter().find(|value| value.hash().to_string() == *hash);
+                let value = known.ok_or_else(|| {
+                    let why = format!("there is no value {hash} for the input `{name}`");
+                    Refused::from(why + ": make it with `input`; the last 64 are kept")
+                })?;
+                Ok((name.clone(), value.clone()))
+            })
+            .collect()
     }
 
     fn input(&mut self, input: &Input) -> Result<Json, Refused> {

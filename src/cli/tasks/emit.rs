@@ -88,7 +88,7 @@ impl Handover<'_> {
     }
 
     fn command(&self) -> String {
-        Vec::from_iter(self.words.iter().map(|word| shell(word))).join(" ")
+        self.words.iter().map(|word| shell(word)).collect::<Vec<_>>().join(" ")
     }
 
     /// The number of jobs, and the words that say how many tasks each has.
@@ -102,14 +102,15 @@ impl Handover<'_> {
     /// Commands that also a shell may run one after the other: it goes on behind one that fails, and ends as the last of those did.
     fn lines(&self) -> String {
         let (command, (jobs, chunk)) = (self.command(), self.jobs());
-        let line = |job| format!("{command} {chunk}--task {job} || trap \"exit $?\" 0\n");
-        (0..jobs).map(line).collect()
+        (0..jobs)
+            .map(|job| format!("{command} {chunk}--task {job} || trap \"exit $?\" 0\n"))
+            .collect()
     }
 
     /// A makefile whose jobs make goes on behind, whatever comes of them: the contact sheet's command fails if one of them did.
     fn make(&self) -> String {
         let (jobs, chunk) = self.jobs();
-        let names = Vec::from_iter((0..jobs).map(|job| job.to_string())).join(" ");
+        let names = (0..jobs).map(|job| job.to_string()).collect::<Vec<_>>().join(" ");
         let at_once = self.resources.at_once;
         let at_once = at_once.map_or(String::new(), |jobs| format!("MAKEFLAGS += -j{jobs}\n"));
         filled(
@@ -148,7 +149,7 @@ impl Handover<'_> {
                 ("TASKS", &self.tasks.to_string()),
                 ("LAST", &jobs.saturating_sub(1).to_string()),
                 ("AT-ONCE", &at_once.map_or(String::new(), |jobs| format!("%{jobs}"))),
-                ("RESOURCES", &Vec::from_iter(options.into_iter().flatten()).join(" ")),
+                ("RESOURCES", &options.into_iter().flatten().collect::<Vec<_>>().join(" ")),
                 ("THREADS", threads),
                 ("CHUNK", &chunk),
             ],
@@ -175,7 +176,7 @@ impl Handover<'_> {
                 ("from hyperqueue.ffi.protocol import ResourceRequest\n", asked)
             }
         };
-        let chunk = Vec::from_iter(chunk.split_whitespace());
+        let chunk: Vec<_> = chunk.split_whitespace().collect();
         // Texts of JSON are texts of Python.
         filled(
             include_str!("emit/hq.py"),
@@ -232,11 +233,11 @@ mod tests {
 
     #[test]
     fn lines_are_commands_whatever_the_words() {
-        let line = |task| {
+        fn line(task: &str) -> String {
             format!(
                 "maquette batch 'it'\\''s.ron' --set 'a=$x' --task {task} || trap \"exit $?\" 0\n"
             )
-        };
+        }
         let lines = handed(Engine::Lines, 2, Resources::default());
         assert_eq!(lines, line("0") + &line("1"));
     }
@@ -258,23 +259,29 @@ mod tests {
             threads: Some(8),
             memory: Some(4_000_000_000),
         };
-        let has = |engine, wanted: &[&str]| {
-            let job = handed(engine, 10, resources);
+        fn has(engine: Engine, wanted: &[&str], resources: &Resources) {
+            let job = handed(engine, 10, *resources);
             for wanted in wanted {
                 assert!(job.contains(wanted), "`{wanted}` in {job}");
             }
-        };
+        }
         has(
             Engine::Slurm,
             &[" 0-2%3 ", "--chunk 4 ", "--cpus-per-task=8 --mem=4769M --time=7 ", "out/100%"],
+            &resources,
         );
-        has(Engine::Hq, &["cpus=8", "\"mem\":4769", "[\"--chunk\",\"4\"]", "range(3)", ", 3)"]);
+        has(
+            Engine::Hq,
+            &["cpus=8", "\"mem\":4769", "[\"--chunk\",\"4\"]", "range(3)", ", 3)"],
+            &resources,
+        );
         has(
             Engine::Openjd,
             &["\"0-2\"", "\"4\"", "\"timeout\": 420", "\"min\": 8", "\"min\": 4769"],
+            &resources,
         );
-        has(Engine::Make, &["-j3\n", "--chunk 4 --task", "a=$$x", "0 1 2: warm"]);
-        has(Engine::Lines, &["--chunk 4 --task 2 "]);
+        has(Engine::Make, &["-j3\n", "--chunk 4 --task", "a=$$x", "0 1 2: warm"], &resources);
+        has(Engine::Lines, &["--chunk 4 --task 2 "], &resources);
     }
 
     #[test]

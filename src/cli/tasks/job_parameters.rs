@@ -84,8 +84,10 @@ impl JobParameter {
         }
         let unit = schema["unit"].as_str().map_or_else(String::new, |unit| format!(" ({unit})"));
         let doc = schema["description"].as_str().unwrap_or_default();
-        let is_taken = |c: &char| !c.is_control() || matches!(c, '\n' | '\t');
-        let doc = doc.chars().filter(is_taken).take(MAX_DESCRIPTION - unit.len());
+        let doc = doc
+            .chars()
+            .filter(|c| !c.is_control() || matches!(c, '\n' | '\t'))
+            .take(MAX_DESCRIPTION - unit.len());
         let description = format!("{}{unit}", String::from_iter(doc)).trim().to_owned();
         if !description.is_empty() {
             definition["description"] = description.into();
@@ -140,14 +142,16 @@ mod tests {
 
     #[test]
     fn what_no_template_holds_is_no_parameter_or_cut() {
-        let text = |default: &str, doc: &str| json!({ "type": "string", "default": default, "description": doc });
-        let none = |name: &str, default: &str| {
+        fn text(default: &str, doc: &str) -> Json {
+            json!({ "type": "string", "default": default, "description": doc })
+        }
+        fn none(name: &str, default: &str) {
             assert_eq!(
                 JobParameter::new(name, &text(default, ""), false),
                 None,
                 "{name} {default}"
             );
-        };
+        }
         none(&"a".repeat(65), "x");
         none("a", &"x".repeat(1025));
         none("a", "a\tb");

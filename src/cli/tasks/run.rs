@@ -315,7 +315,7 @@ impl Batch<'_> {
             true => graph.output_names().map(str::to_owned).collect(),
             false => vec![output.clone()],
         };
-        let names = Vec::from_iter(wanted.iter().cloned());
+        let names: Vec<_> = wanted.iter().cloned().collect();
         let run = Run { wanted: Wanted::Named(wanted), cancel: cancel.clone(), ..Run::default() };
         let finished = session.run(graph, &run).ok()?;
         let layers = shown(&finished, &names)?;

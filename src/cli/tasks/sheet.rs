@@ -115,8 +115,8 @@ fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
         "seconds": record.seconds,
         "nodes": record.nodes,
         "picture": picture,
-        "files": Vec::from_iter(record.outputs.iter().map(file)),
-        "problems": Vec::from_iter(record.problems.iter().map(problem)),
+        "files": record.outputs.iter().map(file).collect::<Vec<_>>(),
+        "problems": record.problems.iter().map(problem).collect::<Vec<_>>(),
     })
 }
 

@@ -26,7 +26,7 @@ pub(crate) fn text_of(
         axes.push(format!("Files({}, name: \"scan\")", quoted(&pattern)));
     }
     for (name, values) in values {
-        let values = Vec::from_iter(pieces(values).into_iter().map(literal));
+        let values: Vec<_> = pieces(values).into_iter().map(literal).collect();
         if values.iter().any(String::is_empty) {
             return Err(format!(
                 "--sweep {name}: write values with commas between them, {name}=5,12,20"

@@ -57,10 +57,10 @@ impl TaskList {
             let inputs = task.row.inputs.iter();
             let inputs = inputs.map(|(name, file)| (name.clone(), path_between(&folder, file)));
             // In which order they are written changes nothing.
-            let sorted = |mut all: Vec<(String, String)>| {
+            fn sorted(mut all: Vec<(String, String)>) -> Vec<(String, String)> {
                 all.sort();
                 all
-            };
+            }
             Listed {
                 name: task.name.clone(),
                 values: sorted(values.collect()),
@@ -113,7 +113,7 @@ impl TaskList {
         }
         let added =
             now.tasks.iter().filter(is_new).filter(|task| !new_names.contains(&task.name[..]));
-        let added = Vec::from_iter(added.map(|task| format!("`{}`", task.name)));
+        let added: Vec<_> = added.map(|task| format!("`{}`", task.name)).collect();
         let kinds =
             [(added, "added"), (removed, "removed"), (renamed, "renamed"), (changed, "changed")];
         let mut words = Vec::new();
@@ -136,15 +136,15 @@ impl Listed {
     /// The first value that another task of this name has in place of its own.
     fn difference(&self, other: &Self) -> String {
         let told = self.content().into_iter().zip(other.content()).find_map(|(own, others)| {
-            let text = |all: &[(String, String)], name: &str| {
+            fn text(all: &[(String, String)], name: &str) -> Option<String> {
                 all.iter().find(|it| it.0 == name).map(|it| it.1.clone())
-            };
+            }
             let names = own.iter().chain(others).map(|(name, _)| &name[..]);
             let (name, own, other) = names
                 .map(|name| (name, text(own, name), text(others, name)))
                 .find(|(_, own, other)| own != other)?;
-            let text = |text: Option<String>| text.unwrap_or_else(|| "not set".into());
-            Some(format!("`{}`: {name} was {}, is {}", self.name, text(own), text(other)))
+            let [own, other] = [own, other].map(|it| it.unwrap_or_else(|| "not set".into()));
+            Some(format!("`{}`: {name} was {own}, is {other}", self.name))
         });
         told.unwrap_or_else(|| format!("`{}`", self.name))
     }
@@ -155,7 +155,7 @@ fn named(names: &[String]) -> String {
     let shown = names.iter().take(MAX_NAMED).cloned();
     let rest = names.len().saturating_sub(MAX_NAMED);
     let rest = (0 < rest).then(|| format!("and {rest} more"));
-    Vec::from_iter(shown.chain(rest)).join(", ")
+    shown.chain(rest).collect::<Vec<_>>().join(", ")
 }
 
 impl Batch<'_> {
@@ -219,35 +219,35 @@ impl Batch<'_> {
     /// Names the tasks that are in no list, if any was handed over, and that have not been run here either.
     pub(crate) fn never_handed_over(&self) -> Vec<String> {
         let files = fs::read_dir(self.lists()).into_iter().flatten().flatten();
-        let lists = Vec::from_iter(files.filter_map(|file| TaskList::read(&file.path())));
+        let lists: Vec<_> = files.filter_map(|file| TaskList::read(&file.path())).collect();
         if lists.is_empty() {
             return Vec::new();
         }
         let now = TaskList::of(self.sweep);
-        let by_name = Vec::from_iter(
-            lists.iter().filter(|list| list.graph == now.graph).map(TaskList::by_name),
-        );
+        let by_name: Vec<_> =
+            lists.iter().filter(|list| list.graph == now.graph).map(TaskList::by_name).collect();
         let known: BTreeSet<_> =
             lists.iter().flat_map(|list| &list.tasks).map(|task| &task.name[..]).collect();
         let is_listed =
             |task: &Listed| by_name.iter().any(|list| list.get(&task.name[..]) == Some(&task));
         // The record of a task that had other values before may be of those.
-        let was_run = |task: &Listed| {
-            let record = Record::read(self.out, &task.name);
+        fn was_run(task: &Listed, known: &BTreeSet<&str>, out: &Path) -> bool {
+            let record = Record::read(out, &task.name);
             !known.contains(&task.name[..])
                 && record.is_some_and(|mut record| {
                     record.values.sort();
                     record.values == task.values
                 })
-        };
-        let missing = now.tasks.iter().filter(|task| !is_listed(task) && !was_run(task));
+        }
+        let missing =
+            now.tasks.iter().filter(|task| !is_listed(task) && !was_run(task, &known, self.out));
         missing.map(|task| task.name.clone()).collect()
     }
 }
 
 /// Says in words that some of this many tasks were never handed over.
 pub(crate) fn never_handed_over_in_words(missing: &[String], all: usize) -> String {
-    let names = Vec::from_iter(missing.iter().map(|name| format!("`{name}`")));
+    let names: Vec<_> = missing.iter().map(|name| format!("`{name}`")).collect();
     format!(
         "{} of {all} tasks never handed over: {}; hand them over again, with `--emit` (tasks that are done do not run again)",
         missing.len(),
@@ -260,32 +260,42 @@ mod tests {
     use super::*;
 
     fn list(tasks: &[(&str, &str)]) -> TaskList {
-        let task = |(name, value): &(&str, &str)| {
-            let pairs = vec![("growth".to_owned(), (*value).to_owned())];
-            Listed {
-                name: (*name).to_owned(),
-                values: pairs.clone(),
-                set: pairs,
-                inputs: Vec::new(),
-            }
-        };
-        TaskList { format: 1, graph: "doll.ron".into(), tasks: tasks.iter().map(task).collect() }
+        TaskList {
+            format: 1,
+            graph: "doll.ron".into(),
+            tasks: tasks
+                .iter()
+                .map(|(name, value)| {
+                    let pairs = vec![("growth".to_owned(), (*value).to_owned())];
+                    Listed {
+                        name: (*name).to_owned(),
+                        values: pairs.clone(),
+                        set: pairs,
+                        inputs: Vec::new(),
+                    }
+                })
+                .collect(),
+        }
     }
 
     #[test]
     fn each_change_of_a_list_is_told() {
         let before = list(&[("a", "1"), ("b", "2"), ("c", "3")]);
-        let check = |after: &[(&str, &str)], told: &str| {
+        fn check(after: &[(&str, &str)], told: &str, before: &TaskList) {
             let after = list(after);
             assert_ne!(before.written().1, after.written().1);
             assert_eq!(before.changes(&after), told);
-        };
-        check(&[("0", "0"), ("a", "1"), ("b", "2"), ("c", "3")], "1 added (`0`)");
-        check(&[("a", "1"), ("c", "3")], "1 removed (`b`)");
-        check(&[("a", "1"), ("d", "2"), ("c", "3")], "1 renamed (`b` is `d`)");
-        check(&[("a", "1"), ("b", "5"), ("c", "3")], "1 changed (`b`: growth was 2, is 5)");
-        check(&[("b", "2"), ("a", "1"), ("c", "3")], "their order has changed");
-        check(&[("d", "4"), ("b", "2")], "1 added (`d`), 2 removed (`a`, `c`)");
+        }
+        check(&[("0", "0"), ("a", "1"), ("b", "2"), ("c", "3")], "1 added (`0`)", &before);
+        check(&[("a", "1"), ("c", "3")], "1 removed (`b`)", &before);
+        check(&[("a", "1"), ("d", "2"), ("c", "3")], "1 renamed (`b` is `d`)", &before);
+        check(
+            &[("a", "1"), ("b", "5"), ("c", "3")],
+            "1 changed (`b`: growth was 2, is 5)",
+            &before,
+        );
+        check(&[("b", "2"), ("a", "1"), ("c", "3")], "their order has changed", &before);
+        check(&[("d", "4"), ("b", "2")], "1 added (`d`), 2 removed (`a`, `c`)", &before);
         let other =
             TaskList { graph: "face.ron".into(), ..list(&[("a", "1"), ("b", "2"), ("c", "3")]) };
         assert_eq!(before.changes(&other), "the graph is `face.ron` in place of `doll.ron`");
@@ -301,7 +311,7 @@ mod tests {
 
     #[test]
     fn many_names_are_cut() {
-        let names = Vec::from_iter((0..6).map(|name| name.to_string()));
+        let names: Vec<_> = (0..6).map(|name| name.to_string()).collect();
         assert_eq!(named(&names), "0, 1, 2, 3, and 2 more");
     }
 }

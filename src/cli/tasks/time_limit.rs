@@ -84,7 +84,7 @@ pub(crate) fn in_words(time: Duration) -> String {
     }
     let parts = [(seconds / 3600, "h"), (seconds / 60 % 60, "min"), (seconds % 60, "s")];
     let parts = parts.iter().filter(|(count, _)| *count != 0);
-    Vec::from_iter(parts.map(|(count, unit)| format!("{count}{unit}"))).join(" ")
+    parts.map(|(count, unit)| format!("{count}{unit}")).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -113,12 +113,12 @@ mod tests {
     #[test]
     fn a_task_stops_with_all_or_at_its_limit() {
         let all = CancelToken::default();
-        let wait = |limit: &TimeLimit| {
+        fn wait(limit: &TimeLimit) -> bool {
             while !limit.token().is_cancelled() {
                 std::thread::sleep(Duration::from_millis(1));
             }
             limit.is_over()
-        };
+        }
         assert!(wait(&TimeLimit::start(Some(Duration::from_millis(1)), &all)));
         let limit = TimeLimit::start(Some(Duration::from_secs(3600)), &all);
         all.cancel();

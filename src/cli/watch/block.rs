@@ -117,8 +117,8 @@ impl Block {
             let node = node.unwrap_or_else(|| "running".into());
             return format!("{graph}  run {}: {node}", self.run);
         }
-        let is_error = |problem: &&Problem| problem.severity == Severity::Error;
-        let errors = self.problems.iter().filter(is_error).count();
+        let errors =
+            self.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
         if errors > 0 {
             let errors = paint.red(&counted(errors, "error"));
             let ran = self.report.as_ref().is_some_and(|report| report.run == self.run);
@@ -209,7 +209,7 @@ fn summary(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<Str
 fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
     const INDENT: usize = 10;
     let room = width.saturating_sub(INDENT + " and 1000 more".len()).max(1);
-    let items = Vec::from_iter(items.iter().map(|item| harmless(item)));
+    let items: Vec<_> = items.iter().map(|item| harmless(item)).collect();
     let Some((first, rest)) = items.split_first() else { return Vec::new() };
     let mut rows = vec![first.clone().into_owned()];
     for (index, item) in rest.iter().enumerate() {
@@ -286,14 +286,16 @@ mod tests {
     }
 
     fn after_a_run() -> Block {
-        let written = |name: &str, unchanged| Written {
-            output: name.into(),
-            path: PathBuf::from("out/doll").join(name),
-            bytes: 5_200_000,
-            hash: Hash::of(b""),
-            unchanged,
-            seconds: 0.0,
-        };
+        fn written(name: &str, unchanged: bool) -> Written {
+            Written {
+                output: name.into(),
+                path: PathBuf::from("out/doll").join(name),
+                bytes: 5_200_000,
+                hash: Hash::of(b""),
+                unchanged,
+                seconds: 0.0,
+            }
+        }
         let report = Report {
             run: 12,
             cancelled: false,

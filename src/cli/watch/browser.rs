@@ -51,9 +51,11 @@ fn of_variable(named: &str, file: &Path) -> Vec<Command> {
 
 /// Whether a window can be opened. Where the system has no browser with windows, one in the watch's terminal is not wanted.
 fn has_display() -> bool {
-    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     let names = ["DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME"];
-    cfg!(any(windows, target_os = "macos")) || names.into_iter().any(is_set)
+    cfg!(any(windows, target_os = "macos"))
+        || names
+            .into_iter()
+            .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
 fn first_that_works(commands: Vec<Command>) -> Result<(), String> {
@@ -76,14 +78,16 @@ mod tests {
 
     #[test]
     fn the_variable_names_browsers_and_where_the_file_stands() {
-        let line = |command: &Command| {
-            let words = std::iter::once(command.get_program()).chain(command.get_args());
-            Vec::from_iter(words.map(|word| word.to_str().unwrap().to_owned())).join(" ")
-        };
         let separator = if cfg!(windows) { '\n' } else { ':' };
         let named = format!("no-such --new{separator}no-such-either %s -x{separator}");
         let commands = of_variable(&named, Path::new("/a b.html"));
-        let lines = Vec::from_iter(commands.iter().map(line));
+        let lines: Vec<_> = commands
+            .iter()
+            .map(|command| {
+                let words = std::iter::once(command.get_program()).chain(command.get_args());
+                words.map(|word| word.to_str().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
+            })
+            .collect();
         assert_eq!(lines, ["no-such --new /a b.html", "no-such-either /a b.html -x"]);
         assert!(first_that_works(commands).unwrap_err().starts_with("no-such-either: "));
     }

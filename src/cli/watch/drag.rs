@@ -91,8 +91,9 @@ impl Drag {
     /// The graph's file has this text now; whether that ends a drag that began with another one. The page's hand is ignored until it
     /// lets go.
     pub(super) fn ends_by(&mut self, text: &str) -> bool {
-        let is_other = |hand: &mut Hand| hand.text.as_ref().is_some_and(|known| known != text);
-        let ended = self.hand.take_if(is_other);
+        let ended = self
+            .hand
+            .take_if(|hand: &mut Hand| hand.text.as_ref().is_some_and(|known| known != text));
         self.ended = ended.as_ref().map(|hand| hand.page).or(self.ended);
         ended.is_some()
     }
@@ -110,14 +111,16 @@ mod tests {
     /// Gives the values that were evaluated, each with the time of its end, and a `!` if it was given up.
     fn check(takes: u64, moves: &[(u64, u32)], expected: &[(u64, &str)]) {
         let start = Instant::now();
-        let at = |now: u64| start + Duration::from_millis(now);
+        fn at(now: u64, start: &Instant) -> Instant {
+            *start + Duration::from_millis(now)
+        }
         let (mut drag, mut running, mut ends) = (Drag::default(), None, Vec::new());
         let mut moves = moves.iter().peekable();
         for now in 0..3000 {
             while let Some((_, value)) = moves.next_if(|(when, _)| *when == now) {
-                drag.moved(0, growth(*value), at(now));
+                drag.moved(0, growth(*value), at(now, &start));
             }
-            let given_up = drag.gives_up().is_some_and(|due| due <= at(now));
+            let given_up = drag.gives_up().is_some_and(|due| due <= at(now, &start));
             if let Some((_, value)) =
                 running.take_if(|(since, _): &mut (u64, String)| given_up || *since + takes == now)
             {
@@ -127,7 +130,7 @@ mod tests {
                 running = drag.take().map(|values| (now, values[0].1.clone()));
             }
         }
-        let ends = Vec::from_iter(ends.iter().map(|(now, value)| (*now, &value[..])));
+        let ends: Vec<_> = ends.iter().map(|(now, value)| (*now, &value[..])).collect();
         assert_eq!(ends, expected);
     }
 
@@ -144,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_steady_hand_sees_results_of_a_slow_graph_throughout() {
-        let moves = Vec::from_iter((0..100).map(|k| (u64::from(k) * 16, k)));
+        let moves: Vec<_> = (0..100).map(|k| (u64::from(k) * 16, k)).collect();
         let seen = [(500, "0.0"), (1000, "31.0"), (1500, "62.0")];
         // When it rests, what is under way is given up for the last value.
         check(500, &moves, &[&seen[..], &[(1704, "93.0!"), (2204, "99.0")]].concat());

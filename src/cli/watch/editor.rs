@@ -77,7 +77,9 @@ const EDITORS: &[(&str, Form)] = &[
 
 /// Opens the editor at a place. Does not wait for it; if that is not possible `failed` is told why.
 pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'static) {
-    let variable = |name: &str| std::env::var(name).ok().filter(|text| !text.trim().is_empty());
+    fn variable(name: &str) -> Option<String> {
+        std::env::var(name).ok().filter(|text| !text.trim().is_empty())
+    }
     let named = variable(VARIABLE).or_else(|| variable("VISUAL"));
     let text = named.or_else(|| find("code").map(|_| "code".to_owned()));
     let Some(text) = text else {
@@ -107,14 +109,17 @@ fn line(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
     let Some(program) = editor.first() else { return Err("the editor has no name".into()) };
     // Never one that an editor takes for an option.
     let file = std::path::absolute(&place.file).unwrap_or_else(|_| place.file.clone());
-    let filled = |word: &str| {
+    fn filled(word: &str, file: &Path, place_line: usize, place_column: usize) -> String {
         // The file's name last: it may have braces of its own.
-        let word = word.replace("{line}", &place.line.to_string());
-        word.replace("{column}", &place.column.to_string())
+        let word = word.replace("{line}", &place_line.to_string());
+        word.replace("{column}", &place_column.to_string())
             .replace("{file}", &file.to_string_lossy())
-    };
+    }
     if editor.iter().any(|word| word.contains("{file}")) {
-        return Ok(editor.iter().map(|word| filled(word)).collect());
+        return Ok(editor
+            .iter()
+            .map(|word| filled(word, &file, place.line, place.column))
+            .collect());
     }
     // `xterm -e vim` is vim in a terminal of its own.
     let known = editor.iter().rev().find_map(|word| form(word).map(|form| (word, form)));
@@ -132,7 +137,11 @@ fn line(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
         )) => arguments,
         None => &["{file}"],
     };
-    Ok(editor.iter().cloned().chain(arguments.iter().map(|word| filled(word))).collect())
+    Ok(editor
+        .iter()
+        .cloned()
+        .chain(arguments.iter().map(|word| filled(word, &file, place.line, place.column)))
+        .collect())
 }
 
 /// How a program is told a place, if it is one of the known editors.

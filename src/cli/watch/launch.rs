@@ -36,15 +36,15 @@ pub(super) fn words(text: &str) -> Vec<String> {
 /// Where a program is: at its path, or where the system looks for programs.
 pub(super) fn find(program: &str) -> Option<PathBuf> {
     let endings: &[&str] = if cfg!(windows) { &["", ".exe", ".cmd", ".bat"] } else { &[""] };
-    let named = |folder: &Path| {
+    fn named(folder: &Path, program: &str, endings: &[&str]) -> Option<PathBuf> {
         let paths = endings.iter().map(|ending| folder.join(format!("{program}{ending}")));
         paths.into_iter().find(|path| is_program(path))
-    };
+    }
     if Path::new(program).components().count() > 1 {
-        return named(Path::new(""));
+        return named(Path::new(""), program, endings);
     }
     let folders = std::env::var_os("PATH")?;
-    std::env::split_paths(&folders).find_map(|folder| named(&folder))
+    std::env::split_paths(&folders).find_map(|folder| named(&folder, program, endings))
 }
 
 fn is_program(path: &Path) -> bool {

@@ -172,7 +172,7 @@ impl<'a> Session<'a> {
             match heard {
                 Ok(message) => {
                     // All that came meanwhile is heard at once: a thousand files saved together are one change.
-                    let messages = Vec::from_iter(iter::once(message).chain(receiver.try_iter()));
+                    let messages: Vec<_> = iter::once(message).chain(receiver.try_iter()).collect();
                     if messages.iter().any(is_stop) {
                         return self.stop(receiver);
                     }

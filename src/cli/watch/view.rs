@@ -225,13 +225,15 @@ impl Lines {
     /// The problems of a run without the warnings that the last run had, too, and how many these are.
     fn news(&mut self, problems: Vec<Problem>) -> (Vec<Problem>, usize) {
         let warnings = problems.iter().filter(|problem| problem.severity == Severity::Warning);
-        let now = Vec::from_iter(warnings.map(|problem| problem.message.clone()));
+        let now: Vec<_> = warnings.map(|problem| problem.message.clone()).collect();
         let before = std::mem::replace(&mut self.warned, now);
         let count = problems.len();
-        let is_new = |problem: &Problem| {
-            problem.severity == Severity::Error || !before.contains(&problem.message)
-        };
-        let new = Vec::from_iter(problems.into_iter().filter(is_new));
+        let new: Vec<_> = problems
+            .into_iter()
+            .filter(|problem| {
+                problem.severity == Severity::Error || !before.contains(&problem.message)
+            })
+            .collect();
         let known = count - new.len();
         (new, known)
     }
@@ -454,22 +456,29 @@ mod tests {
     #[test]
     fn a_warning_is_told_when_it_comes_and_not_again_while_it_stays() {
         let source = Arc::new(Source { name: "a.ron".into(), text: String::new() });
-        let problem = |severity: Severity, message: &str| {
+        fn problem(severity: Severity, message: &str, source: &Arc<Source>) -> Problem {
             Problem::new(severity, code::WARNING, (source.clone(), Span::default()), message)
-        };
-        let warning = || problem(Severity::Warning, "it is thin");
-        let error = || problem(Severity::Error, "it is torn");
+        }
+        fn warning(source: &Arc<Source>) -> Problem {
+            problem(Severity::Warning, "it is thin", source)
+        }
+        fn error(source: &Arc<Source>) -> Problem {
+            problem(Severity::Error, "it is torn", source)
+        }
         let mut lines = Lines::default();
-        let mut told = |problems: Vec<Problem>| {
+        fn told(problems: Vec<Problem>, lines: &mut Lines) -> (Vec<String>, usize) {
             let (news, known) = lines.news(problems);
-            (Vec::from_iter(news.into_iter().map(|problem| problem.message)), known)
-        };
+            (news.into_iter().map(|problem| problem.message).collect::<Vec<_>>(), known)
+        }
         assert_eq!(
-            told(vec![warning(), error()]),
+            told(vec![warning(&source), error(&source)], &mut lines),
             (vec!["it is thin".into(), "it is torn".into()], 0)
         );
-        assert_eq!(told(vec![warning(), error()]), (vec!["it is torn".into()], 1));
-        assert_eq!(told(vec![]), (vec![], 0));
-        assert_eq!(told(vec![warning()]), (vec!["it is thin".into()], 0));
+        assert_eq!(
+            told(vec![warning(&source), error(&source)], &mut lines),
+            (vec!["it is torn".into()], 1)
+        );
+        assert_eq!(told(vec![], &mut lines), (vec![], 0));
+        assert_eq!(told(vec![warning(&source)], &mut lines), (vec!["it is thin".into()], 0));
     }
 }

@@ -207,7 +207,7 @@ fn evaluate(
     session.keep_on_disk(job.purpose != Purpose::Drag);
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
         problems.extend(warnings);
-        let mut names = Vec::from_iter(job.views.iter().map(|viewed| &viewed.node[..]));
+        let mut names: Vec<_> = job.views.iter().map(|viewed| &viewed.node[..]).collect();
         if job.purpose == Purpose::Outputs {
             names.extend(graph.output_names());
         }
@@ -250,20 +250,20 @@ fn evaluate(
     };
     problems.extend(session.warnings(&job.graph));
     let cancelled = job.cancel.is_cancelled();
-    let enough = |trace: &RunTrace| {
+    fn enough(trace: &RunTrace, session: &Session) -> usize {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();
         bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory())
-    };
+    }
     match (job.purpose, &seen) {
         _ if cancelled => {}
         // What hangs on a node whose name is being typed will be wanted again.
         (Purpose::Outputs, _) if job.problems.iter().any(|p| p.severity == Severity::Error) => {
-            *kept = enough(&trace).max(*kept);
+            *kept = enough(&trace, session).max(*kept);
         }
-        (Purpose::Outputs, _) => *kept = enough(&trace),
+        (Purpose::Outputs, _) => *kept = enough(&trace, session),
         // A hand makes many results of which the outputs need nothing.
         (Purpose::Drag, Some(seen)) => {
-            *kept = enough(&seen.trace()).max(*kept);
+            *kept = enough(&seen.trace(), session).max(*kept);
             problems.extend(seen.problems());
         }
         (Purpose::Drag | Purpose::Look, _) => {}
@@ -291,7 +291,7 @@ fn look(
     observer: &dyn Observer,
 ) -> Option<Finished> {
     let names = job.views.iter().map(|viewed| &viewed.node);
-    let there = Vec::from_iter(names.filter(|name| !graph.nodes_of(name).is_empty()).cloned());
+    let there: Vec<_> = names.filter(|name| !graph.nodes_of(name).is_empty()).cloned().collect();
     if there.is_empty() || job.cancel.is_cancelled() {
         return None;
     }
@@ -407,7 +407,7 @@ mod tests {
             let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
             worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
             let report: Report = reports.recv().unwrap();
-            Vec::from_iter(report.problems.into_iter().map(|problem| problem.message))
+            report.problems.into_iter().map(|problem| problem.message).collect::<Vec<_>>()
         });
         assert_eq!(messages, [vec!["the evaluation panicked: out of order".to_owned()], vec![]]);
     }
@@ -453,14 +453,13 @@ mod tests {
             let wishes = Wishes { folder: outputs, only, inputs: InputOptions::default() };
             let (sender, news) = channel();
             let file = file.clone();
-            let sink = move |it| {
+            let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), move |it| {
                 let seen = match it {
                     News::Sight(sight) => Some(sight.values.len()),
                     News::Report(_) => None,
                 };
                 let _ = sender.send((seen, file.exists()));
-            };
-            let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
+            });
             worker.start(Job {
                 run: 1,
                 graph: graph.clone(),
@@ -481,14 +480,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("graph.ron");
         let catalog = Arc::new(Catalog::new(&[&maquette_format::PACK, &FAULTY]));
-        let graph = |panics: bool| {
+        fn graph(panics: bool, path: &std::path::Path, catalog: &Arc<Catalog>) -> Arc<Graph> {
             let text = format!(
                 "Graph(format: 1, nodes: {{ \"bad\": Faulty(panics: {panics}), \"good\": Faulty(panics: false) }},
                     outputs: {{ \"bad.png\": \"bad\", \"good.png\": \"good\" }})"
             );
-            std::fs::write(&path, &text).unwrap();
-            Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap())
-        };
+            std::fs::write(path, &text).unwrap();
+            Arc::new(Graph::load(path, catalog, &Options::default()).graph.unwrap())
+        }
         let (sender, reports) = channel();
         let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
         let wishes = Wishes {
@@ -499,12 +498,13 @@ mod tests {
         let sink = reports_to(sender);
         let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
         let run = |run: usize, panics: bool| {
-            let (graph, problems, cancel) = (graph(panics), Vec::new(), CancelToken::default());
+            let (graph, problems, cancel) =
+                (graph(panics, &path, &catalog), Vec::new(), CancelToken::default());
             let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
             worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
             let report: Report = reports.recv().unwrap();
-            let codes = Vec::from_iter(report.problems.iter().map(|problem| problem.code));
-            let written = Vec::from_iter(report.written.iter().map(|file| file.output.clone()));
+            let codes: Vec<_> = report.problems.iter().map(|problem| problem.code).collect();
+            let written: Vec<_> = report.written.iter().map(|file| file.output.clone()).collect();
             (codes, written)
         };
         assert_eq!(run(1, true), (vec![code::PANIC], vec!["good.png".to_owned()]));

@@ -34,9 +34,11 @@ impl Border {
     pub(super) fn of(known: &Known, set: &BTreeSet<usize>) -> Result<Self, Refusal> {
         let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
         for link in &known.links {
-            let is_in = |at: Option<usize>| at.is_some_and(|at| set.contains(&at));
+            fn is_in(at: Option<usize>, set: &BTreeSet<usize>) -> bool {
+                at.is_some_and(|at| set.contains(&at))
+            }
             let node = named_node(&link.text);
-            match (is_in(known.owner(link.span)), is_in(known.position("nodes", node))) {
+            match (is_in(known.owner(link.span), set), is_in(known.position("nodes", node), set)) {
                 (true, false) => {
                     let help = format!("extract `{node}`, too");
                     cross(known, link, &mut inputs, "inputs", help)?;
@@ -99,16 +101,17 @@ fn cross(
 fn ends(known: &Known, set: &BTreeSet<usize>) -> Vec<Crossing> {
     let nodes = known.entries("nodes");
     let drafts = &known.definition().drafts;
-    let end = |&at: &usize| {
-        let name = nodes[at].0.text()?;
-        let is_needed = known.links.iter().any(|link| named_node(&link.text) == name);
-        let draft = drafts.iter().position(|draft| draft.name.text == name && !is_needed)?;
-        let kind = drafts[draft].types.first().copied().flatten()?.name;
-        let (target, link) = ((draft, 0), name.to_owned());
-        let single = !drafts[draft].is_list(0);
-        single.then(|| Crossing { target, link, name: String::new(), kind, spans: Vec::new() })
-    };
-    set.iter().filter_map(end).collect()
+    set.iter()
+        .filter_map(|&at| {
+            let name = nodes[at].0.text()?;
+            let is_needed = known.links.iter().any(|link| named_node(&link.text) == name);
+            let draft = drafts.iter().position(|draft| draft.name.text == name && !is_needed)?;
+            let kind = drafts[draft].types.first().copied().flatten()?.name;
+            let (target, link) = ((draft, 0), name.to_owned());
+            let single = !drafts[draft].is_list(0);
+            single.then(|| Crossing { target, link, name: String::new(), kind, spans: Vec::new() })
+        })
+        .collect()
 }
 
 /// Names each after what it comes from: `color` of `scan.color`, or `scan-color` where that is taken.
@@ -118,13 +121,18 @@ fn name(crossings: &mut [Crossing], taken: &mut BTreeSet<String>) {
             Some((node, output)) => (node, Some(output)),
             None => (&crossing.link[..], None),
         };
-        let plain = |words: &[&str]| words.join("-").replace(['_', '/'], "-");
+        fn plain(words: &[&str]) -> String {
+            words.join("-").replace(['_', '/'], "-")
+        }
         let wanted = match output {
             Some(output) => vec![plain(&[output]), plain(&[node, output])],
             None => vec![plain(&[node])],
         };
-        let number = |name: &str, nth: usize| format!("{name}-{nth}");
-        crossing.name = free_name(wanted, number, |name| !taken.contains(name));
+        crossing.name = free_name(
+            wanted,
+            |name, nth: usize| format!("{name}-{nth}"),
+            |name| !taken.contains(name),
+        );
         taken.insert(crossing.name.clone());
     }
 }

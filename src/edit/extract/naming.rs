@@ -31,9 +31,9 @@ impl New {
         extraction: &Extraction,
     ) -> Result<Self, Refusal> {
         let Extraction { to, kind, name, .. } = extraction;
-        let bad = |message: String, help: &str| {
+        fn bad(message: String, help: &str) -> Result<New, Refusal> {
             Err(refusal(code::BAD_NAME, Span::default(), message, help))
-        };
+        }
         let nodes = known.entries("nodes");
         let last = set.last().and_then(|&at| nodes[at].0.text()).unwrap_or_default();
         let of_file = to.as_ref().and_then(|to| to.file_stem()).map(|stem| stem.to_string_lossy());
@@ -42,16 +42,18 @@ impl New {
             stem.or_else(|| kind.as_deref().map(hyphened)).unwrap_or_else(|| last.to_owned());
         let is_there =
             |path: &Path| judge.options.has_text(path) || path.symlink_metadata().is_ok();
-        let beside = |stem: &str| judge.path.with_file_name(format!("{stem}.ron"));
+        fn beside(stem: &str, judge_path: &Path) -> PathBuf {
+            judge_path.with_file_name(format!("{stem}.ron"))
+        }
         let stem = match to {
             Some(_) => stem,
             None => free_name(
                 [stem],
                 |stem, nth| format!("{stem}-{nth}"),
-                |stem| !is_there(&beside(stem)),
+                |stem| !is_there(&beside(stem, judge.path)),
             ),
         };
-        let path = to.clone().unwrap_or_else(|| beside(&stem));
+        let path = to.clone().unwrap_or_else(|| beside(&stem, judge.path));
         if path.extension().is_none_or(|ending| ending != "ron") {
             let message = format!("`{}` cannot be the file of a graph", path.display());
             return bad(message, "its name ends in .ron");
@@ -64,7 +66,9 @@ impl New {
             let message = format!("`{}` is there already", path.display());
             return bad(message, "name a file that is not there yet");
         }
-        let is_word = |kind: &str| matches!(kind, "ForEach" | "Switch" | "Graph" | "Patch");
+        fn is_word(kind: &str) -> bool {
+            matches!(kind, "ForEach" | "Switch" | "Graph" | "Patch")
+        }
         let is_free = |kind: &str| {
             !is_word(kind) && !judge.catalog.has(kind) && known.position("use", kind).is_none()
         };

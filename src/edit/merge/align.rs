@@ -7,10 +7,11 @@ const MOST_PAIRS: usize = 4_000_000;
 pub(super) fn matched<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let shorter = old.len().min(new.len());
     let first = (0..shorter).take_while(|&k| old[k] == new[k]).count();
-    let is_last = |&k: &usize| old[old.len() - 1 - k] == new[new.len() - 1 - k];
-    let last = (0..shorter - first).take_while(is_last).count();
+    let last = (0..shorter - first)
+        .take_while(|&k| old[old.len() - 1 - k] == new[new.len() - 1 - k])
+        .count();
     let (a, b) = (&old[first..old.len() - last], &new[first..new.len() - last]);
-    let mut found = Vec::from_iter((0..first).map(Some));
+    let mut found: Vec<_> = (0..first).map(Some).collect();
     found.extend(longest(a, b).into_iter().map(|place| place.map(|place| place + first)));
     found.extend((old.len() - last..old.len()).map(Some));
     found
@@ -67,11 +68,13 @@ mod tests {
 
     #[test]
     fn what_is_the_same_is_matched_in_order_and_what_is_between_is_paired() {
-        let letters = |text: &str| Vec::from_iter(text.chars());
-        let check = |old: &str, new: &str, found: &[Option<usize>], pairs: &[Option<usize>]| {
+        fn letters(text: &str) -> Vec<char> {
+            text.chars().collect::<Vec<_>>()
+        }
+        fn check(old: &str, new: &str, found: &[Option<usize>], pairs: &[Option<usize>]) {
             assert_eq!(matched(&letters(old), &letters(new)), found, "{old} {new}");
             assert_eq!(paired(&letters(old), &letters(new)), pairs, "{old} {new}");
-        };
+        }
         check("abc", "abc", &[Some(0), Some(1), Some(2)], &[Some(0), Some(1), Some(2)]);
         check("abc", "axc", &[Some(0), None, Some(2)], &[Some(0), Some(1), Some(2)]);
         check("abc", "bcd", &[Some(1), Some(2), None], &[Some(1), Some(2), None]);

@@ -47,17 +47,20 @@ pub(super) fn is_open(text: &str) -> bool {
 /// them.
 pub(super) fn around(base: &str, ours: &str, theirs: &str) -> String {
     let [before, left, right] = [base, ours, theirs].map(gaps);
-    let words = |gaps: &[(&str, &str)]| Vec::from_iter(gaps.iter().map(|gap| gap.1.to_owned()));
+    fn words(gaps: &[(&str, &str)]) -> Vec<String> {
+        gaps.iter().map(|gap| gap.1.to_owned()).collect::<Vec<_>>()
+    }
     if words(&left) != words(&right) {
         let is_theirs = words(&left) == words(&before);
         return if is_theirs { theirs } else { ours }.to_owned();
     }
     let is_like = before.len() == left.len();
-    let gap = |k: usize| {
-        let base = if is_like { before[k].0 } else { "" };
-        between(base, left[k].0, right[k].0) + left[k].1
-    };
-    (0..left.len()).map(gap).collect()
+    (0..left.len())
+        .map(|k: usize| {
+            let base = if is_like { before[k].0 } else { "" };
+            between(base, left[k].0, right[k].0) + left[k].1
+        })
+        .collect()
 }
 
 /// What stands before each word and the word; behind the last one, with none.
@@ -85,9 +88,13 @@ fn between(base: &str, ours: &str, theirs: &str) -> String {
         return theirs.to_owned();
     }
     let ((mine, tail), (other, their_tail)) = (read(ours), read(theirs));
-    let indent_of = |text: &str| text.rsplit_once('\n').map(|(_, indent)| indent.to_owned());
+    fn indent_of(text: &str) -> Option<String> {
+        text.rsplit_once('\n').map(|(_, indent)| indent.to_owned())
+    }
     let indent = indent_of(tail).or_else(|| indent_of(their_tail)).unwrap_or_default();
-    let new_line = |lines: usize| format!("{}{indent}", "\n".repeat(lines));
+    fn new_line(lines: usize, indent: &str) -> String {
+        format!("{}{indent}", "\n".repeat(lines))
+    }
     let mut text = String::new();
     let mut is_line = false;
     for (is_ours, k) in together(&before, &left, &right) {
@@ -98,10 +105,10 @@ fn between(base: &str, ours: &str, theirs: &str) -> String {
             _ if mine.len() == other.len() => mine[k].lead.to_owned(),
             (false, 0) if note.lead.is_empty() => " ".to_owned(),
             (false, 0) => note.lead.to_owned(),
-            (false, lines) => new_line(lines),
+            (false, lines) => new_line(lines, &indent),
         };
         if is_line && !lead.contains('\n') {
-            text += &new_line(1);
+            text += &new_line(1, &indent);
         } else {
             text += &lead;
         }
@@ -118,9 +125,10 @@ fn between(base: &str, ours: &str, theirs: &str) -> String {
 fn together(before: &[&str], left: &[&str], right: &[&str]) -> Vec<(bool, usize)> {
     let (ours, theirs) = (matched(before, left), matched(before, right));
     let kept = BTreeSet::from_iter(theirs.iter().flatten());
-    let is_new = |&(is_ours, k): &(bool, usize)| !is_ours || ours[k].is_none();
-    let stays = |k: &usize| ours[*k].is_none_or(|place| kept.contains(&place));
-    let mut all = Vec::from_iter((0..left.len()).filter(stays).map(|k| (true, k)));
+    let mut all: Vec<_> = (0..left.len())
+        .filter(|k| ours[*k].is_none_or(|place| kept.contains(&place)))
+        .map(|k| (true, k))
+        .collect();
     let mut place = 0;
     for (k, known) in theirs.iter().enumerate() {
         if let Some(known) = known {
@@ -128,11 +136,10 @@ fn together(before: &[&str], left: &[&str], right: &[&str]) -> Vec<(bool, usize)
             place = here.map_or(place, |here| here + 1);
             continue;
         }
-        let is_ours_too = |mine: usize| ours[mine].is_none() && left[mine] == right[k];
-        if (0..left.len()).any(is_ours_too) {
+        if (0..left.len()).any(|mine: usize| ours[mine].is_none() && left[mine] == right[k]) {
             continue;
         }
-        while all.get(place).is_some_and(is_new) {
+        while all.get(place).is_some_and(|&(is_ours, k)| !is_ours || ours[k].is_none()) {
             place += 1;
         }
         all.insert(place, (false, k));
@@ -142,14 +149,13 @@ fn together(before: &[&str], left: &[&str], right: &[&str]) -> Vec<(bool, usize)
 
 /// Whether a result lacks a comment that one side wrote and the other left alone, or has one that one of them took away or reworded.
 pub(super) fn is_amiss(texts: [&str; 3], result: &str, has_conflicts: bool) -> bool {
-    let counts = |text: &str| {
+    let [base, ours, theirs, found] = [texts[0], texts[1], texts[2], result].map(|text| {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         for note in comments(text) {
             *counts.entry(note.to_owned()).or_default() += 1;
         }
         counts
-    };
-    let [base, ours, theirs, found] = [texts[0], texts[1], texts[2], result].map(counts);
+    });
     let all = BTreeSet::from_iter([&base, &ours, &theirs].into_iter().flat_map(BTreeMap::keys));
     all.into_iter().any(|note| {
         let [base, ours, theirs, found] =

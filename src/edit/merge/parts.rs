@@ -54,8 +54,7 @@ impl<'t> Value<'t> {
 
     /// What each item of a list or a tuple says.
     pub(super) fn said_by_items(self) -> Option<Vec<String>> {
-        let said = |item| show(&Self { tree: item, ..self }.said());
-        Some(self.items()?.iter().map(said).collect())
+        Some(self.items()?.iter().map(|item| show(&Self { tree: item, ..self }.said())).collect())
     }
 }
 
@@ -127,10 +126,10 @@ impl<'t> Parts<'t> {
     /// The parts of a map or of a call with fields, whose names are all different; with `lists`, of a list by what its items say.
     pub(super) fn of(value: Value<'t>, lists: bool) -> Option<Self> {
         let named: Vec<(String, &Tree)> = match &value.tree.kind {
-            Kind::Map(entries) => {
-                let entry = |(key, value): &'t (Tree, Tree)| Some((key.text()?.to_owned(), value));
-                entries.iter().map(entry).collect::<Option<_>>()?
-            }
+            Kind::Map(entries) => entries
+                .iter()
+                .map(|(key, value)| Some((key.text()?.to_owned(), value)))
+                .collect::<Option<_>>()?,
             Kind::Call { body: Body::Fields(fields), .. } => {
                 fields.iter().map(|field| (field.name.text.clone(), &field.value)).collect()
             }
@@ -140,10 +139,11 @@ impl<'t> Parts<'t> {
             }
             _ => return None,
         };
-        let is_twice = |(k, (name, _)): (usize, &(String, &Tree))| {
-            named[..k].iter().any(|(before, _)| before == name)
-        };
-        if named.iter().enumerate().any(is_twice) {
+        if named
+            .iter()
+            .enumerate()
+            .any(|(k, (name, _))| named[..k].iter().any(|(before, _)| before == name))
+        {
             return None;
         }
         Some(Self::named(value, named))
@@ -265,14 +265,16 @@ pub(super) fn put_together(
             Merged::Conflict(ours, theirs) => {
                 let before = ours.as_ref().or(theirs.as_ref()).map_or("", |piece| &piece.before);
                 let (above, indent) = before.rsplit_once('\n').unwrap_or(("", before));
-                let side = |piece: &Option<Piece>| match piece {
-                    Some(Piece { own, comma, line, .. }) => {
-                        let end = if is_open(comma) { "\n" } else { "" };
-                        format!("{indent}{own}{comma}{end},{line}\n")
+                fn side(piece: &Option<Piece>, indent: &str) -> String {
+                    match piece {
+                        Some(Piece { own, comma, line, .. }) => {
+                            let end = if is_open(comma) { "\n" } else { "" };
+                            format!("{indent}{own}{comma}{end},{line}\n")
+                        }
+                        None => String::new(),
                     }
-                    None => String::new(),
-                };
-                let (ours, theirs) = (side(ours), side(theirs));
+                }
+                let (ours, theirs) = (side(ours, indent), side(theirs, indent));
                 writer.put(above);
                 writer.text += &format!("\n<<<<<<< ours\n{ours}=======\n{theirs}>>>>>>> theirs");
                 writer.must_end = true;

@@ -31,12 +31,11 @@ pub(super) fn turned(before: [&Tree; 3], merged: &Tree) -> Vec<Turned> {
     for found in readings(merged) {
         let was = found.in_other(&base);
         let sides = [&ours, &theirs].map(|side| found.in_other(side));
-        let is_turned = |side: &Reading| {
+        if sides.into_iter().flatten().any(|side| {
             // It was written so there, or the parameters that it names were.
             let is_edit = was.is_none_or(|was| was.names != side.names);
             is_edit && side.names != found.names
-        };
-        if sides.into_iter().flatten().any(is_turned) {
+        }) {
             let entry = found.path[..found.path.len().min(2)].join(".");
             turned.push(Turned { entry, text: found.text });
         }
@@ -82,7 +81,7 @@ impl Turned {
 impl Reading {
     /// The same in another text: at its place, or where a list has moved it to.
     fn in_other<'r>(&self, all: &'r [Self]) -> Option<&'r Self> {
-        let entry = |reading: &Self| Vec::from_iter(reading.path.iter().take(2).cloned());
+        let entry = |reading: &Self| reading.path.iter().take(2).cloned().collect::<Vec<_>>();
         let mut same = all.iter().filter(|it| it.text == self.text);
         let here = same.clone().find(|it| it.path == self.path);
         here.or_else(|| same.find(|it| entry(it) == entry(self)))

@@ -76,9 +76,8 @@ impl Merger<'_> {
         // All texts may be alike around what is marked all the same.
         let is_around =
             |section: &str| place.path.is_empty() || place.depth == 1 && place.path == section;
-        let section_of = |entry: &String| entry.split('.').next().is_some_and(is_around);
         if (self.renamed_twice.iter().any(|it| is_around(it.section))
-            || self.kept_apart.iter().any(section_of))
+            || self.kept_apart.iter().any(|entry| entry.split('.').next().is_some_and(is_around)))
             && let Some(merged) = self.parts(three, place)
         {
             return merged;
@@ -162,7 +161,7 @@ impl Merger<'_> {
             // What both added is the same.
             let number =
                 |(k, place): (usize, Option<usize>)| place.unwrap_or(count + k).to_string();
-            Some(Vec::from_iter(places.into_iter().enumerate().map(number)))
+            Some(places.into_iter().enumerate().map(number).collect::<Vec<_>>())
         };
         let ours = Parts::numbered(three.ours, numbers(three.ours, by_us)?)?;
         let theirs = Parts::numbered(three.theirs, numbers(three.theirs, by_them)?)?;
@@ -306,7 +305,7 @@ fn is_marked(text: &str) -> bool {
 
 /// The names of all parts: in our order, and what they added behind what it stands behind there.
 fn order(base: Option<&Parts<'_>>, ours: &Parts<'_>, theirs: &Parts<'_>) -> Vec<String> {
-    let mut order = Vec::from_iter(ours.all.iter().map(|(key, _)| key.clone()));
+    let mut order: Vec<_> = ours.all.iter().map(|(key, _)| key.clone()).collect();
     let mut before: Option<&String> = None;
     for (key, _) in &theirs.all {
         if !order.contains(key) {

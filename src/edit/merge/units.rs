@@ -7,7 +7,7 @@ use maquette_graph::catalog::{Catalog, Entry};
 use maquette_graph::fitting::{declaration_in_own_unit, in_plain_numbers};
 use maquette_graph::tree::entries;
 use maquette_graph::{Expectation, Files, Graph, Options};
-use maquette_syntax::{Body, Kind, Name, Tree, unit_names};
+use maquette_syntax::{Body, Kind, Tree, unit_names};
 
 /// What the values with units say, by where they begin in a graph's text.
 pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Catalog) -> Plain {
@@ -30,8 +30,10 @@ pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Cata
         false => Vec::new(),
     };
     let schema = |kind: &str| {
-        let graph = || graphs.iter().find(|graph| graph.name == kind).map(|graph| graph.schema());
-        catalog.find(kind).map(Entry::schema).or_else(graph)
+        catalog
+            .find(kind)
+            .map(Entry::schema)
+            .or_else(|| graphs.iter().find(|graph| graph.name == kind).map(|graph| graph.schema()))
     };
     for (_, node) in entries(fields, "nodes") {
         let kind = node.name().map(|name| name.text).unwrap_or_default();
@@ -54,8 +56,8 @@ fn has_units(tree: &Tree) -> bool {
             fields.iter().any(|field| has_units(&field.value))
         }
         Kind::Call { name, body: Body::Items(items) } => {
-            let is_unit = |name: &Name| unit_names().any(|unit| unit == name.text);
-            name.as_ref().is_some_and(is_unit) || items.iter().any(has_units)
+            name.as_ref().is_some_and(|name| unit_names().any(|unit| unit == name.text))
+                || items.iter().any(has_units)
         }
         _ => false,
     }

@@ -85,9 +85,10 @@ fn runs(text: &str, map: &Tree, parts: &[Span], taken: &BTreeSet<usize>) -> Opti
 fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
     indent_of(text, map.span, parts[at])?;
     let tail = Tail::of(text, parts[at].end, map.span.end);
-    let is_below = |comma: usize| text[parts[at].end..comma].contains('\n');
     let rest = text[tail.line_end..].trim_start_matches([' ', '\t', '\r']);
-    if tail.comma.is_some_and(is_below) || !rest.starts_with('\n') {
+    if tail.comma.is_some_and(|comma: usize| text[parts[at].end..comma].contains('\n'))
+        || !rest.starts_with('\n')
+    {
         return None;
     }
     let end = text.len() - rest.len() + 1;
@@ -95,8 +96,10 @@ fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
         Some(before) => Tail::of(text, parts[before].end, map.span.end).line_end,
         None => opened(text, map.span),
     };
-    let line_of = |at: usize| text[..at].rfind('\n').map_or(0, |newline| newline + 1);
-    let mut start = line_of(parts[at].start);
+    fn line_of(at: usize, text: &str) -> usize {
+        text[..at].rfind('\n').map_or(0, |newline| newline + 1)
+    }
+    let mut start = line_of(parts[at].start, text);
     for (token, span) in tokens(&text[before..parts[at].start]).into_iter().rev() {
         if token == Token::Space {
             continue;
@@ -104,7 +107,7 @@ fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
         let comment = text[before + span.start..before + span.end].trim_end();
         let (first, last) = (before + span.start, before + span.start + comment.len());
         let is_above = last <= start && text[last..start].matches('\n').count() == 1;
-        let line = line_of(first);
+        let line = line_of(first, text);
         if !is_above || line < before || !text[line..first].trim().is_empty() {
             break;
         }
@@ -122,8 +125,10 @@ pub(crate) fn gap_behind(text: &str, owner: &Tree, part: Span) -> String {
 
 /// A part of a text with the edits in it made.
 pub(crate) fn part_with(text: &str, part: Span, splices: &[Splice]) -> String {
-    let is_inside = |span: &Span| part.start <= span.start && span.end <= part.end;
-    let inside = splices.iter().filter(|(span, _)| is_inside(span));
+    fn is_inside(span: &Span, part_start: usize, part_end: usize) -> bool {
+        part_start <= span.start && span.end <= part_end
+    }
+    let inside = splices.iter().filter(|(span, _)| is_inside(span, part.start, part.end));
     let moved = inside.map(|(span, new)| {
         let span = Span { start: span.start - part.start, end: span.end - part.start };
         (span, new.clone())

@@ -110,10 +110,9 @@ impl Known {
 
     /// The node in whose entry something stands.
     pub(crate) fn owner(&self, span: Span) -> Option<usize> {
-        let is_around = |(key, value): &(Tree, Tree)| {
-            key.span.start <= span.start && span.end <= value.span.end
-        };
-        self.entries("nodes").iter().position(is_around)
+        self.entries("nodes")
+            .iter()
+            .position(|(key, value)| key.span.start <= span.start && span.end <= value.span.end)
     }
 
     /// What stands for a node: one of them, where it is a `ForEach`.
@@ -140,13 +139,11 @@ impl Known {
         let entries = self.entries("params");
         let mut found = self.named_parameters(within);
         loop {
-            let is_inside = |span: Span| {
-                let is_around = |&at: &usize| {
+            let more = self.named_parameters(|span: Span| {
+                found.iter().any(|&at| {
                     entries[at].0.span.start <= span.start && span.end <= entries[at].1.span.end
-                };
-                found.iter().any(is_around)
-            };
-            let more = self.named_parameters(is_inside);
+                })
+            });
             if more.is_subset(&found) {
                 return found;
             }

@@ -1,7 +1,5 @@
 //! What a graph computes, whatever its nodes are called: by this an edit that only moves nodes is judged.
 
-use std::path::PathBuf;
-
 use maquette_graph::expectation::Expectation;
 use maquette_graph::{Checked, Graph, GraphNode};
 use maquette_syntax::error::{Problem, Severity};
@@ -35,9 +33,15 @@ impl Judge<'_> {
     /// The same of a text that has been checked for final results.
     pub(super) fn sides(&self, text: &str, checked: &Checked) -> Result<Sides, Vec<Problem>> {
         let by = Computed::of(checked)?;
-        let has_draft = |text: &str| text.contains("Draft");
-        let in_used = |path: &PathBuf| self.options.text(path).is_ok_and(|text| has_draft(&text));
-        let draft = match has_draft(text) || checked.subgraphs.iter().any(in_used) {
+        fn has_draft(text: &str) -> bool {
+            text.contains("Draft")
+        }
+        let draft = match has_draft(text)
+            || checked
+                .subgraphs
+                .iter()
+                .any(|path| self.options.text(path).is_ok_and(|text| has_draft(&text)))
+        {
             true => Computed::of(&self.checked(text, true))?,
             false => by.clone(),
         };
@@ -47,8 +51,12 @@ impl Judge<'_> {
 
 impl Computed {
     fn of(checked: &Checked) -> Result<Self, Vec<Problem>> {
-        let is_error = |problem: &&Problem| problem.severity == Severity::Error;
-        let errors = Vec::from_iter(checked.problems.iter().filter(is_error).cloned());
+        let errors: Vec<_> = checked
+            .problems
+            .iter()
+            .filter(|problem| problem.severity == Severity::Error)
+            .cloned()
+            .collect();
         let graph = checked.graph.as_ref().filter(|_| errors.is_empty());
         graph.map(Self::by).ok_or(errors)
     }
@@ -58,15 +66,20 @@ impl Computed {
         for node in graph.nodes().iter() {
             hashes.push(hash_of(node, &hashes));
         }
-        let value = |node: usize, output: usize| hash_of_value(hashes[node], output);
-        let files = graph.outputs().iter().map(|it| (it.name.clone(), value(it.node, it.output)));
-        let ports = graph.ports().iter().map(|it| (it.name.clone(), value(it.node, it.output)));
+        fn value(node: usize, output: usize, hashes: &[Hash]) -> Hash {
+            hash_of_value(hashes[node], output)
+        }
+        let files =
+            graph.outputs().iter().map(|it| (it.name.clone(), value(it.node, it.output, &hashes)));
+        let ports =
+            graph.ports().iter().map(|it| (it.name.clone(), value(it.node, it.output, &hashes)));
         let outputs = files.chain(ports).collect();
         let (mut expected, mut promised) = (Vec::new(), Vec::new());
         for it in graph.expectations().iter() {
             let mut expectation = it.expectation.clone();
             expectation.values_mut().into_iter().for_each(String::clear);
-            let values = it.values.iter().map(|target| target.map(|(node, at)| value(node, at)));
+            let values =
+                it.values.iter().map(|target| target.map(|(node, at)| value(node, at, &hashes)));
             let words = format!("{expectation:?} {:?}", Vec::from_iter(values));
             match expectation {
                 Expectation::Promised { .. } => promised.push(words),

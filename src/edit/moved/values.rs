@@ -148,12 +148,12 @@ impl Putting<'_> {
     fn expression(&self, text: &str, span: Span) -> Result<String, Refusal> {
         let places = named_parameters(text, &|name| self.values.contains_key(name));
         let places = places.unwrap_or_default();
-        let refused = |name: &str, what: &str| {
+        fn refused(name: &str, what: &str, span: &Span, text: &str) -> Refusal {
             let message =
                 format!("Expr(\"{}\") cannot say what `{name}` is given: {what}", cut(text));
             let help = format!("give `{name}` a number, a Param or an Expr");
-            refusal(code::EXPRESSION, span, message, help)
-        };
+            refusal(code::EXPRESSION, *span, message, help)
+        }
         let mut parts = Vec::new();
         for at in &places {
             let name = &text[at.clone()];
@@ -164,14 +164,14 @@ impl Putting<'_> {
                     let names = names.into_iter().flatten().map(|at| inner[at].to_owned());
                     (format!("({inner})"), names.collect())
                 }
-                Some(Given::Value { text, unit }) => {
-                    let number = number(text, unit.as_deref());
-                    (number.ok_or_else(|| refused(name, text))?, Vec::new())
+                Some(Given::Value { text: value, unit }) => {
+                    let number = number(value, unit.as_deref());
+                    (number.ok_or_else(|| refused(name, value, &span, text))?, Vec::new())
                 }
                 None => (name.to_owned(), Vec::new()),
             });
         }
-        let names = Vec::from_iter(parts.iter().flat_map(|(_, names)| names.clone()));
+        let names: Vec<_> = parts.iter().flat_map(|(_, names)| names.clone()).collect();
         // Beside a hyphen a name may be taken for a longer one, unless it stands by itself.
         for apart in [false, true] {
             let mut new = text.to_owned();
@@ -187,7 +187,7 @@ impl Putting<'_> {
             }
         }
         let name = places.first().map_or("", |at| &text[at.clone()]);
-        Err(refused(name, "names would run into each other"))
+        Err(refused(name, "names would run into each other", &span, text))
     }
 }
 
@@ -224,14 +224,18 @@ fn literal(
 
 /// The edits that give each number without a unit this one.
 fn with_unit(tree: &Tree, unit: &str, text: &str, splices: &mut Vec<Splice>) {
-    let mut all = |trees: &[Tree]| trees.iter().for_each(|it| with_unit(it, unit, text, splices));
+    fn all(trees: &[Tree], unit: &str, text: &str, splices: &mut Vec<(Span, String)>) {
+        trees.iter().for_each(|it| with_unit(it, unit, text, splices))
+    }
     match &tree.kind {
         Kind::Number { .. } => {
             let Span { start, end } = tree.span;
             splices.push((tree.span, format!("{unit}({})", &text[start..end])));
         }
         _ if Quantity::read(tree).is_some() || is_computed(tree) => {}
-        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => all(items),
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            all(items, unit, text, splices)
+        }
         Kind::Call { body: Body::Fields(fields), .. } => {
             fields.iter().for_each(|field| with_unit(&field.value, unit, text, splices));
         }

@@ -18,15 +18,18 @@ impl Structure<'_> {
             return Err(refusal(code::UNKNOWN_FIELD, Span::default(), message, "write NODE.PORT"));
         };
         let call = self.node(node)?;
-        let mut steps = Vec::from_iter(port.split('.'));
+        let mut steps: Vec<_> = port.split('.').collect();
         let kind = call.name().map_or_else(String::new, |kind| kind.text);
         match &kind[..] {
             "Switch" if steps[0] != "cases" => steps.insert(0, "cases"),
             "ForEach" if !["links", "carry", "with", "over"].contains(&steps[0]) => {
-                let has = |group: &&str| {
-                    field(call, group).is_some_and(|group| field(&group.value, steps[0]).is_some())
-                };
-                let group = ["carry", "with"].into_iter().find(has).unwrap_or("links");
+                let group = ["carry", "with"]
+                    .into_iter()
+                    .find(|group| {
+                        field(call, group)
+                            .is_some_and(|group| field(&group.value, steps[0]).is_some())
+                    })
+                    .unwrap_or("links");
                 steps.insert(0, group);
             }
             _ => {}
@@ -41,7 +44,7 @@ impl Structure<'_> {
         // Only the check knows which texts are links.
         let (tree, _) = parse(&text);
         let references = References::of(self.judge, &text);
-        let way = Vec::from_iter(way.iter().map(String::as_str));
+        let way: Vec<_> = way.iter().map(String::as_str).collect();
         let is_link = match call_of(&tree, node).map(|call| find(call, &way, None)) {
             Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
             _ => false,
@@ -51,7 +54,7 @@ impl Structure<'_> {
 
     fn no_port(&self, node: &str, call: &Tree, given: &str) -> Refusal {
         let ports = self.references.ports.get(node).into_iter().flatten();
-        let ports = Vec::from_iter(ports.map(|port| &port.name[..]));
+        let ports: Vec<_> = ports.map(|port| &port.name[..]).collect();
         let port = given.split_once('.').map_or(given, |(_, port)| port);
         let message = format!("`{node}` has no port `{port}`");
         let help = nearest_or_all(port, "its ports", &ports);
@@ -73,10 +76,10 @@ impl Structure<'_> {
             }
             _ => (steps, None),
         };
-        let way = |index: Option<usize>| {
+        fn way(index: Option<usize>, steps: &[&str]) -> Vec<String> {
             let index = index.map(|index| index.to_string());
-            Vec::from_iter(steps.iter().map(|&step| step.to_owned()).chain(index))
-        };
+            steps.iter().map(|&step| step.to_owned()).chain(index).collect::<Vec<_>>()
+        }
         if let ["cases", case] = steps
             && let Some(Tree { kind: Kind::Map(entries), .. }) =
                 field(call, "cases").map(|field| &field.value)
@@ -85,7 +88,7 @@ impl Structure<'_> {
         {
             let entry = format!("{}: {link}", quoted(case));
             let splices = put_entry(self.text, &cases.value, None, false, |_| entry.clone());
-            return Ok((splices, way(None)));
+            return Ok((splices, way(None, steps)));
         }
         let port = steps.last().copied().unwrap_or_default();
         let known = self.references.ports.get(node).into_iter().flatten();
@@ -99,8 +102,12 @@ impl Structure<'_> {
             };
             refusal(code::UNKNOWN_FIELD, span, message, help)
         };
-        let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
-        let listed = || format!("[{link}]");
+        fn insert(at: usize, text: String) -> (Span, String) {
+            (Span { start: at, end: at }, text)
+        }
+        fn listed(link: &str) -> String {
+            format!("[{link}]")
+        }
         match find(call, steps, None)? {
             Found::Value(list @ Tree { kind: Kind::List(items), .. }) => {
                 let index = index.unwrap_or(items.len());
@@ -109,41 +116,41 @@ impl Structure<'_> {
                     Some(&place) => vec![(place, link.to_owned())],
                     None if index > items.len() => return Err(no_item(list.span, items.len())),
                     None => match &places[..] {
-                        [] => vec![(list.span, listed())],
+                        [] => vec![(list.span, listed(link))],
                         [before @ .., last] => {
                             let before = before.last().map(|before| before.end);
                             behind(self.text, list.span, before, *last, link)
                         }
                     },
                 };
-                Ok((splices, way(Some(index))))
+                Ok((splices, way(Some(index), steps)))
             }
             Found::Value(value) if many => {
                 let one = matches!(value.kind, Kind::Text(_));
                 match index {
-                    Some(0) if one => Ok((vec![(value.span, link.to_owned())], way(None))),
+                    Some(0) if one => Ok((vec![(value.span, link.to_owned())], way(None, steps))),
                     None | Some(1) if one => {
                         let open = insert(value.span.start, "[".into());
                         let close = insert(value.span.end, format!(", {link}]"));
-                        Ok((vec![open, close], way(Some(1))))
+                        Ok((vec![open, close], way(Some(1), steps)))
                     }
-                    None | Some(0) => Ok((vec![(value.span, listed())], way(Some(0)))),
+                    None | Some(0) => Ok((vec![(value.span, listed(link))], way(Some(0), steps))),
                     Some(_) => Err(no_item(value.span, usize::from(one))),
                 }
             }
             Found::Value(value) => match index {
-                None => Ok((vec![(value.span, link.to_owned())], way(None))),
+                None => Ok((vec![(value.span, link.to_owned())], way(None, steps))),
                 Some(_) => Err(no_item(value.span, 1)),
             },
             Found::Missing(owner, rest) => {
                 if index.is_some_and(|index| index > 0 || !many) {
                     return Err(no_item(owner.span, 0));
                 }
-                let value = if many { listed() } else { link.to_owned() };
-                let within = |value, name: &String| format!("({name}: {value})");
-                let value = rest[1..].iter().rev().fold(value, within);
+                let value = if many { listed(link) } else { link.to_owned() };
+                let value =
+                    rest[1..].iter().rev().fold(value, |value, name| format!("({name}: {value})"));
                 let splices = added(self.text, owner, &rest[0], &value);
-                Ok((splices, way(many.then_some(0))))
+                Ok((splices, way(many.then_some(0), steps)))
             }
         }
     }

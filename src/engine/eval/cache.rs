@@ -97,19 +97,21 @@ fn shape(value: &AnyValue) -> String {
 
 fn facts(value: &AnyValue) -> String {
     const MOST: usize = 3;
-    let fact = |fact: Fact| match fact.value {
-        FactValue::Flag(false) => None,
-        FactValue::Flag(true) => Some(fact.name.into_owned()),
-        FactValue::Text(text) => Some(text),
-        FactValue::Count(1) if fact.name.ends_with('s') => {
-            Some(format!("1 {}", fact.name.trim_end_matches('s')))
+    fn fact(fact: Fact) -> Option<String> {
+        match fact.value {
+            FactValue::Flag(false) => None,
+            FactValue::Flag(true) => Some(fact.name.into_owned()),
+            FactValue::Text(text) => Some(text),
+            FactValue::Count(1) if fact.name.ends_with('s') => {
+                Some(format!("1 {}", fact.name.trim_end_matches('s')))
+            }
+            FactValue::Count(_) if fact.name.ends_with(['s', 'x']) => {
+                Some(format!("{} {}", fact.value, fact.name))
+            }
+            FactValue::Count(_) => Some(format!("{} {}", fact.name, fact.value)),
+            FactValue::Size(_) => Some(fact.value.to_string()),
         }
-        FactValue::Count(_) if fact.name.ends_with(['s', 'x']) => {
-            Some(format!("{} {}", fact.value, fact.name))
-        }
-        FactValue::Count(_) => Some(format!("{} {}", fact.name, fact.value)),
-        FactValue::Size(_) => Some(fact.value.to_string()),
-    };
+    }
     let facts = value.parts().facts.into_iter().filter_map(fact).take(MOST);
     Vec::from_iter(facts).join(", ")
 }
@@ -172,13 +174,15 @@ impl Cache {
         if state.bytes as u64 <= most {
             return;
         }
-        let is_idle = |entry: &Outcome| {
+        fn is_idle(entry: &Outcome) -> bool {
             lock(&entry.values).as_ref().is_some_and(|values| Arc::strong_count(values) == 1)
-        };
+        }
         let idle = state.entries.iter().filter(|(_, entry)| is_idle(entry));
-        let used = |entry: &Outcome| entry.used.load(Ordering::Relaxed);
+        fn used(entry: &Outcome) -> u64 {
+            entry.used.load(Ordering::Relaxed)
+        }
         let mut idle =
-            Vec::from_iter(idle.map(|(key, entry)| (used(entry), *key, entry.bytes as u64)));
+            idle.map(|(key, entry)| (used(entry), *key, entry.bytes as u64)).collect::<Vec<_>>();
         idle.sort_unstable_by(|a, b| b.cmp(a));
         let mut left: u64 = idle.iter().map(|(.., bytes)| bytes).sum();
         while most < left {
@@ -229,9 +233,11 @@ impl Cache {
 impl State {
     /// Drops the values that were not used for the longest time, until this many bytes are left.
     fn shrink(&mut self, goal: usize) {
-        let used = |outcome: &Outcome| outcome.used.load(Ordering::Relaxed);
+        fn used(outcome: &Outcome) -> u64 {
+            outcome.used.load(Ordering::Relaxed)
+        }
         let mut by_use =
-            Vec::from_iter(self.entries.iter().map(|(key, entry)| (used(entry), *key)));
+            self.entries.iter().map(|(key, entry)| (used(entry), *key)).collect::<Vec<_>>();
         by_use.sort_unstable_by(|a, b| b.cmp(a));
         while goal < self.bytes {
             let Some((_, oldest)) = by_use.pop() else { break };
@@ -267,17 +273,19 @@ mod tests {
     #[test]
     fn the_least_recently_used_values_are_dropped_first_even_if_somebody_holds_their_outcome() {
         let cache = Cache::new(16_000);
-        let key = |name: &str| Hash::of(name.as_bytes());
-        let keep = |name: &str| {
+        fn key(name: &str) -> Hash {
+            Hash::of(name.as_bytes())
+        }
+        fn keep(name: &str, cache: &Cache) -> Arc<Outcome> {
             let mask = Mask::new(5000, 1, vec![0; 5000]).unwrap();
             let values: Values = [AnyValue::new(mask)].into();
             let outcome = Arc::new(Outcome::new(&values, vec![], 0.0));
             cache.keep(key(name), outcome.clone());
             outcome
-        };
-        let (a, b) = (keep("a"), keep("b"));
+        }
+        let (a, b) = (keep("a", &cache), keep("b", &cache));
         assert!(cache.find(key("a")).is_some());
-        let c = keep("c");
+        let c = keep("c", &cache);
         assert!(cache.find(key("a")).is_some() && cache.find(key("b")).is_none());
         assert!(a.has_values() && !b.has_values() && c.has_values());
     }

@@ -154,12 +154,15 @@ impl Run<'_> {
             return None;
         }
         let links = self.graph.nodes()[index].links.iter().zip(&before.parts.inputs);
-        let input = |(link, hash): (&Link, &Hash)| {
-            let values = self.before(link.node)?.outcome.values()?;
-            values.get(link.output).filter(|value| value.hash() == *hash).cloned()
-        };
-        let (given, gave) =
-            (links.map(input).collect::<Option<Vec<_>>>()?, before.outcome.values()?);
+        let (given, gave) = (
+            links
+                .map(|(link, hash): (&Link, &Hash)| {
+                    let values = self.before(link.node)?.outcome.values()?;
+                    values.get(link.output).filter(|value| value.hash() == *hash).cloned()
+                })
+                .collect::<Option<Vec<_>>>()?,
+            before.outcome.values()?,
+        );
         let previous = Previous { inputs: &given, outputs: &gave };
         let done = self.work(index, inputs, files, |node, cx| node.update(cx, &previous));
         done.map(|(values, warnings)| Some((values?.into(), warnings))).transpose()
@@ -206,8 +209,12 @@ impl Run<'_> {
         work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
     ) -> Result<(R, Vec<String>), Error> {
         let node = &self.graph.nodes()[index];
-        let input = |(link, values): (&Link, &Values)| values[link.output].clone();
-        let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
+        let inputs: Vec<_> = node
+            .links
+            .iter()
+            .zip(inputs)
+            .map(|(link, values): (&Link, &Values)| values[link.output].clone())
+            .collect();
         let report = |share: f64| self.observer.progress(&node.name, share);
         let cx = Context {
             inputs: &inputs,
@@ -264,7 +271,7 @@ impl Run<'_> {
         // Each node comes after those that it hangs on.
         for node in lost {
             let links = self.graph.nodes()[node].links.iter();
-            let inputs = Vec::from_iter(links.map(|link| values[&link.node].clone()));
+            let inputs: Vec<_> = links.map(|link| values[&link.node].clone()).collect();
             values.insert(node, self.compute_again(node, &inputs)?);
         }
         Ok(values[&index].clone())

@@ -264,8 +264,9 @@ impl Store {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
         let (trouble, written, remote) = (OnceLock::new(), AtomicU64::new(0), OnceLock::new());
         let store = Self { folder, home, limit, types, trouble, written, remote };
-        let make = |name: &&str| make_folder(&store.home.join(name));
-        let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(make));
+        let made = in_spite_of_removal(|_| {
+            FOLDERS.iter().try_for_each(|name| make_folder(&store.home.join(name)))
+        });
         match made {
             // A folder that may only be read still answers.
             Err(error) if store.home.is_dir() => store.stop(error),
@@ -347,8 +348,8 @@ impl Store {
     fn write_column(&self, column: &dyn Bytes, trusted: bool) -> bool {
         let path = self.column_path(column.hash());
         let length = column.bytes().len() as u64;
-        let is_it = |metadata: fs::Metadata| trusted && metadata.len() == length;
-        let is_new = !fs::metadata(&path).is_ok_and(is_it);
+        let is_new = !fs::metadata(&path)
+            .is_ok_and(|metadata: fs::Metadata| trusted && metadata.len() == length);
         match is_new {
             true => self.write(&path, &[column.bytes()]),
             false => self.touch(&path),

@@ -81,14 +81,16 @@ mod tests {
 
     #[test]
     fn the_first_parameter_that_differs_is_found_with_its_values() {
-        let parts = |distance: f64| Parts {
-            recipe: Arc::new(recipe(json!({
-                "image": { LINK: 0 },
-                "select": { "Near": { "color": "#ff0000", "distance": distance } },
-            }))),
-            inputs: [Hash::of(b"image")].into(),
-            files: [].into(),
-        };
+        fn parts(distance: f64) -> Parts {
+            Parts {
+                recipe: Arc::new(recipe(json!({
+                    "image": { LINK: 0 },
+                    "select": { "Near": { "color": "#ff0000", "distance": distance } },
+                }))),
+                inputs: [Hash::of(b"image")].into(),
+                files: [].into(),
+            }
+        }
         let path = ["select", "Near", "distance"].map(str::to_owned).to_vec();
         let expected = Change::Parameter { path, before: json!(30.0), now: json!(25.5) };
         assert_eq!(parts(25.5).change(&parts(30.0)), Some(expected));

@@ -43,7 +43,9 @@ const AMPLE: usize = 1 << 24;
 #[test]
 fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
     be_quiet_about_panics();
-    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    fn number(name: &str) -> Option<u64> {
+        std::env::var(name).ok()?.parse::<u64>().ok()
+    }
     let cases = number("LAW_SEQUENCES").unwrap_or(SEQUENCES);
     let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
     let shards = cases.div_ceil(50);
@@ -67,18 +69,20 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
     };
     // No tasks of a common pool: while one waits for its evaluation it would begin others, until all have their own threads and none ends.
     let (next, failures) = (AtomicU64::new(0), Mutex::new(BTreeMap::new()));
-    let follow_shards = || {
-        while let Some(shard) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
-        {
-            if let Some(failure) = follow_shard(shard) {
-                // Those before it are followed to their end.
-                next.store(shards, Ordering::Relaxed);
-                lock(&failures).insert(shard, failure);
-            }
-        }
-    };
     std::thread::scope(|scope| {
-        (0..THREADS).for_each(|_| drop(scope.spawn(follow_shards)));
+        (0..THREADS).for_each(|_| {
+            drop(scope.spawn(|| {
+                while let Some(shard) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
+                {
+                    if let Some(failure) = follow_shard(shard) {
+                        // Those before it are followed to their end.
+                        next.store(shards, Ordering::Relaxed);
+                        lock(&failures).insert(shard, failure);
+                    }
+                }
+            }))
+        });
     });
     if let Some((_, failure)) = lock(&failures).first_key_value() {
         panic!("after some {} sequences: {failure}", broken.into_inner());
@@ -250,9 +254,10 @@ impl World {
         let roots = match wanted {
             _ if self.project.is_empty() => Vec::new(),
             [] => Vec::from_iter(0..graph.nodes().len()),
-            picks => Vec::from_iter(
-                picks.iter().flat_map(|pick| graph.nodes_of(self.project.name(*pick))),
-            ),
+            picks => picks
+                .iter()
+                .flat_map(|pick| graph.nodes_of(self.project.name(*pick)))
+                .collect::<Vec<_>>(),
         };
         let truths = plain::evaluate(&graph, &roots);
         let on_disk = (self.last.clone().unwrap_or_default(), self.kept.clone());

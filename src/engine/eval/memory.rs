@@ -54,11 +54,12 @@ impl Memory {
 
     /// How many bytes may be held. What the machine has left is asked when the first node is about to run.
     fn most(&self, cache: &Cache) -> u64 {
-        let of_machine = || match left() {
-            Some(bytes) => (bytes as f64 * SHARE) as u64 + cache.bytes() as u64,
-            None => u64::MAX,
-        };
-        *self.most.get_or_init(|| self.given.unwrap_or_else(of_machine))
+        *self.most.get_or_init(|| {
+            self.given.unwrap_or_else(|| match left() {
+                Some(bytes) => (bytes as f64 * SHARE) as u64 + cache.bytes() as u64,
+                None => u64::MAX,
+            })
+        })
     }
 
     /// So many nodes are visited from now on.
@@ -142,14 +143,17 @@ impl Memory {
         let most = self.most(cache);
         cache.make_way(most.saturating_sub(state.in_use()));
         let mut room = most.saturating_sub(state.in_use());
-        let fits = |&mut (_, need): &mut (usize, u64)| match room.checked_sub(need) {
-            Some(rest) => {
-                room = rest;
-                true
-            }
-            None => false,
-        };
-        state.waiting.extract_if(.., fits).map(|(node, _)| node).collect()
+        state
+            .waiting
+            .extract_if(.., |&mut (_, need): &mut (usize, u64)| match room.checked_sub(need) {
+                Some(rest) => {
+                    room = rest;
+                    true
+                }
+                None => false,
+            })
+            .map(|(node, _)| node)
+            .collect()
     }
 
     /// Values are held from now on, until they are [let go](Self::let_go).

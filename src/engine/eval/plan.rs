@@ -62,10 +62,9 @@ impl Known {
     ) -> Arc<Snapshot> {
         let mut results = match self {
             Self::All(last) if visited.is_empty() => return last,
-            Self::All(last) => {
-                let found = |index: usize| last.current(index).filter(|_| wanted[index]).cloned();
-                (0..wanted.len()).map(found).collect()
-            }
+            Self::All(last) => (0..wanted.len())
+                .map(|index: usize| last.current(index).filter(|_| wanted[index]).cloned())
+                .collect(),
             Self::Some(results) => results,
         };
         // Where one gave another result than was known, others may have been computed from the old one.
@@ -76,7 +75,7 @@ impl Known {
             }
             results[index] = done;
         }
-        let mut found = Vec::from_iter(results.iter().map(Option::is_some));
+        let mut found: Vec<_> = results.iter().map(Option::is_some).collect();
         let (name, shape) = (&graph.source().name, graph.shape());
         if let Some(last) = last.filter(|last| last.graph == *name) {
             for (index, result) in results.iter_mut().enumerate().filter(|(_, it)| it.is_none()) {
@@ -129,8 +128,9 @@ impl Plan {
         let mut needed = vec![false; wanted.len()];
         values.iter().for_each(|&node| needed[node] = true);
         for index in (0..wanted.len()).rev() {
-            let is_lost = |done: &Arc<Done>| !evaluator.has_values(done);
-            if needed[index] && tasks[index] == Task::None && known.get(index).is_some_and(is_lost)
+            if needed[index]
+                && tasks[index] == Task::None
+                && known.get(index).is_some_and(|done| !evaluator.has_values(done))
             {
                 tasks[index] = Task::Restore;
             }
@@ -165,20 +165,19 @@ impl Evaluator {
         // The nodes that are as they were in the last evaluation, and hang on such alone: there each was computed from what the others gave.
         let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
-            let is_same = |_: &&Arc<Done>| shape.sources(index).all(|source| same[source]);
-            let known = match last.same(graph, index).filter(is_same) {
+            let known = match last
+                .same(graph, index)
+                .filter(|_| shape.sources(index).all(|source| same[source]))
+            {
                 Some(done)
                     if !shape.reads_files(index) || self.has_files(&done.parts, graph, index) =>
                 {
                     same[index] = true;
                     Some(done)
                 }
-                _ => {
-                    let from_the_same = |done: &&Arc<Done>| {
-                        self.is_computed_from(&done.parts, graph, index, &results)
-                    };
-                    last.before(&shape.names[index], index).filter(from_the_same)
-                }
+                _ => last
+                    .before(&shape.names[index], index)
+                    .filter(|done| self.is_computed_from(&done.parts, graph, index, &results)),
             };
             results[index] = known.cloned();
         }

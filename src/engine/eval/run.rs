@@ -156,8 +156,8 @@ impl<'a> Run<'a> {
     pub(super) fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
         // All are found before the first one runs: one that becomes ready meanwhile is visited by whom it waited for, and would be
         // visited twice.
-        let is_ready = |slot: &&'s Slot| slot.waiting.load(Ordering::Relaxed) == 0;
-        let ready = Vec::from_iter(self.slots.iter().filter(is_ready));
+        let ready: Vec<_> =
+            self.slots.iter().filter(|slot| slot.waiting.load(Ordering::Relaxed) == 0).collect();
         self.memory.begin(ready.len());
         for slot in ready {
             scope.spawn(move |scope| self.visit(slot.node, scope));
@@ -242,8 +242,7 @@ impl<'a> Run<'a> {
 
     /// Holds a node's values as long as somebody still needs them.
     pub(super) fn hold(&self, index: usize, values: &Values) {
-        let needed = |slot: &&Slot| 0 < slot.users.load(Ordering::Acquire);
-        if let Some(slot) = self.slot(index).filter(needed)
+        if let Some(slot) = self.slot(index).filter(|slot| 0 < slot.users.load(Ordering::Acquire))
             && lock(&slot.held).replace(values.clone()).is_none()
         {
             self.memory.hold(size(values));
@@ -322,10 +321,11 @@ impl<'a> Run<'a> {
 
     /// What the node is computed from.
     pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
-        let input = |link: &maquette_graph::Link| {
-            self.done(link.node).map(|done| done.outcome.outputs[link.output].1)
-        };
-        let inputs = node.links.iter().filter_map(input).collect();
+        let inputs = node
+            .links
+            .iter()
+            .filter_map(|link| self.done(link.node).map(|done| done.outcome.outputs[link.output].1))
+            .collect();
         let files = node.files.iter().map(|file| self.files.hash(file));
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
@@ -409,8 +409,7 @@ impl<'a> Run<'a> {
         let mut roots = roots.to_vec();
         roots.sort_unstable();
         roots.dedup();
-        let has = |root: &usize| self.done(*root).is_some();
-        let values = roots.into_iter().filter(has);
+        let values = roots.into_iter().filter(|root| self.done(*root).is_some());
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 

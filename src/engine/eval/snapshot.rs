@@ -73,11 +73,10 @@ impl Snapshot {
     pub(super) fn elements(&self, graph: &Graph) -> impl Iterator<Item = (String, Arc<Done>)> {
         let is_open = graph.loops().iter().any(|it| it.is_open);
         let names = is_open.then(|| HashSet::<&String>::from_iter(graph.shape().names.iter()));
-        let is_kept = move |name: &String| {
+        let known = self.names.iter().zip(&self.results).filter(move |(name, _)| {
             names.as_ref().is_some_and(|names| !names.contains(name))
                 && graph.open_loop(name).is_some()
-        };
-        let known = self.names.iter().zip(&self.results).filter(move |(name, _)| is_kept(name));
+        });
         known.filter_map(|(name, done)| Some((name.clone(), done.clone()?)))
     }
 

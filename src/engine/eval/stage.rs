@@ -49,16 +49,21 @@ impl Evaluator {
         cancel: &CancelToken,
     ) -> Vec<Result<(), Option<Error>>> {
         let found = self.evaluate_alone(graph, roots, &[], &OnTheWay(observer), cancel);
-        let end = |root: &usize| match found.found.current(*root) {
-            Some(_) => Ok(()),
-            None => {
-                let news = found.news.iter().find(|news| news.index == *root);
-                Err(news.and_then(|news| news.error.clone()))
-            }
-        };
-        let ends = roots.iter().map(end).collect();
-        let happened = |news: &News| !matches!(news.state, State::Failed | State::Skipped);
-        for news in found.news.into_iter().filter(happened) {
+        let ends = roots
+            .iter()
+            .map(|root| match found.found.current(*root) {
+                Some(_) => Ok(()),
+                None => {
+                    let news = found.news.iter().find(|news| news.index == *root);
+                    Err(news.and_then(|news| news.error.clone()))
+                }
+            })
+            .collect();
+        for news in found
+            .news
+            .into_iter()
+            .filter(|news| !matches!(news.state, State::Failed | State::Skipped))
+        {
             let name = graph.nodes()[news.index].name.clone();
             // What was computed on the way is not told as found in the cache.
             let before = self.staged.get(&name).is_none_or(|old| old.state != State::Computed);
@@ -76,7 +81,9 @@ impl Evaluation {
         if staged.is_empty() {
             return;
         }
-        let is_new = |news: &News| news.state != State::Cached;
+        fn is_new(news: &News) -> bool {
+            news.state != State::Cached
+        }
         let mut told = std::mem::take(&mut self.news).into_iter().peekable();
         for (index, name) in graph.shape().names.iter().enumerate().filter(|it| self.wanted[it.0]) {
             let own = told.next_if(|news| news.index == index);

@@ -113,9 +113,8 @@ impl Evaluator {
         let mut needs = vec![None; graph.nodes().len()];
         values.iter().for_each(|&node| needs[node] = Some(Outlook::Runs));
         for Forecast { index, outlook, reason } in told.iter_mut().rev() {
-            let is_lost = |done: &Arc<Done>| !self.holds_values(done);
             if let (Outlook::Cached, Some(need)) = (*outlook, needs[*index])
-                && run.done(*index).is_some_and(is_lost)
+                && run.done(*index).is_some_and(|done| !self.holds_values(done))
             {
                 (*outlook, *reason) = (need, lost(*index));
             }
@@ -144,9 +143,11 @@ fn told_of(told: &[Forecast], index: usize) -> Option<&Forecast> {
 
 /// The first of a node's inputs that there will not be.
 fn failing(graph: &Graph, index: usize, told: &[Forecast]) -> Option<usize> {
-    let is_missing = |it: &Forecast| matches!(it.outlook, Outlook::Fails | Outlook::Skipped);
     let mut links = graph.nodes()[index].links.iter().map(|link| link.node);
-    links.find(|&link| told_of(told, link).is_some_and(is_missing))
+    links.find(|&link| {
+        told_of(told, link)
+            .is_some_and(|it| matches!(it.outlook, Outlook::Fails | Outlook::Skipped))
+    })
 }
 
 impl Run<'_> {
@@ -225,11 +226,10 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
         }
         Outlook::MayRun => {
             let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
-            let is_cause = |it: &&Forecast| {
+            for cause in forecasts.iter().filter(|it| {
                 matches!(it.outlook, Outlook::Runs | Outlook::Fails)
                     || matches!(it.reason, Reason::Unread(_))
-            };
-            for cause in forecasts.iter().filter(is_cause) {
+            }) {
                 let (name, word) = (&graph.nodes()[cause.index].name, cause.word());
                 let _ = writeln!(text, "  `{name}` {word}: {}", cause.reason_in(graph));
             }

@@ -28,12 +28,12 @@ impl Session {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Graph {
-        let needed = |graph: &Graph| {
+        fn needed(graph: &Graph, wanted: &dyn Fn(&Graph) -> Vec<usize>) -> Vec<Loop> {
             let needed = graph.shape().needed_by(&wanted(graph));
             let loops = graph.loops().iter().filter(|it| needed[it.node]).cloned();
-            Vec::<Loop>::from_iter(loops)
-        };
-        if needed(graph).iter().all(|it| graph.is_settled(&it.name)) {
+            loops.collect()
+        }
+        if needed(graph, wanted).iter().all(|it| graph.is_settled(&it.name)) {
             return graph.clone();
         }
         let mut counts = self.counts(graph);
@@ -47,9 +47,9 @@ impl Session {
         let mut failed = false;
         // Each time one more of those that hang on each other is known, and with it all that are guessed rightly.
         loop {
-            let loops = needed(&found);
+            let loops = needed(&found, &wanted);
             met.extend(loops.iter().map(|it| it.name.clone()));
-            let roots = Vec::from_iter(loops.iter().map(|it| it.node));
+            let roots: Vec<_> = loops.iter().map(|it| it.node).collect();
             if roots.is_empty() || self.evaluator.is_settled(&found, &roots) {
                 guessed.clear();
                 break;
@@ -114,10 +114,10 @@ impl Session {
 
     /// The graph with these counts. Those with which something is wrong say so when they are evaluated.
     fn expanded(&self, graph: &Graph, counts: &mut Counts) -> Graph {
-        let refused = |problems: Vec<Problem>| {
+        fn refused(problems: Vec<Problem>) -> Count {
             let first = problems.into_iter().next().map(|problem| problem.message);
             Count::Refused(first.unwrap_or_else(|| "the graph would have too many nodes".into()))
-        };
+        }
         let found = graph.expanded(counts, &self.catalog).or_else(|problems| {
             let why = refused(problems);
             counts.values_mut().for_each(|count| *count = why.clone());
@@ -129,12 +129,15 @@ impl Session {
     /// What was found last of the graph in this file, in this process or another one.
     fn counts(&self, graph: &Graph) -> Counts {
         let file = &graph.source().name;
-        let noted = || {
-            let note = self.note(&file.with_extension("elements"))?;
-            let counts: BTreeMap<String, usize> = serde_json::from_slice(&note).ok()?;
-            Some(counts.into_iter().map(|(name, count)| (name, Count::Of(count))).collect())
-        };
-        self.known.get(file).cloned().or_else(noted).unwrap_or_default()
+        self.known
+            .get(file)
+            .cloned()
+            .or_else(|| {
+                let note = self.note(&file.with_extension("elements"))?;
+                let counts: BTreeMap<String, usize> = serde_json::from_slice(&note).ok()?;
+                Some(counts.into_iter().map(|(name, count)| (name, Count::Of(count))).collect())
+            })
+            .unwrap_or_default()
     }
 
     fn keep_counts(&mut self, graph: &Graph, counts: Counts) {
@@ -142,11 +145,13 @@ impl Session {
         if self.known.get(file) == Some(&counts) {
             return;
         }
-        let count = |(name, count): (&String, &Count)| match count {
-            Count::Of(count) => Some((name.clone(), *count)),
-            Count::Refused(_) => None,
-        };
-        let note = BTreeMap::from_iter(counts.iter().filter_map(count));
+        let note =
+            BTreeMap::from_iter(counts.iter().filter_map(|(name, count): (&String, &Count)| {
+                match count {
+                    Count::Of(count) => Some((name.clone(), *count)),
+                    Count::Refused(_) => None,
+                }
+            }));
         self.keep_note(&file.with_extension("elements"), || {
             serde_json::to_vec(&note).unwrap_or_default()
         });
@@ -160,31 +165,34 @@ const MOST_GUESSED: usize = 10_000;
 /// How many elements those have whose number is not known yet: as many as one that stands at the same place of the same file, which
 /// several use. If it is so, a chain of them takes no more rounds than one of them.
 fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Counts) -> Counts {
-    let place = |it: &Loop| {
+    fn place(it: &Loop, graph: &Graph) -> (*const maquette_syntax::Sheet, maquette_syntax::Span) {
         let node = &graph.nodes()[it.node];
         (Arc::as_ptr(&node.sheet), node.span)
-    };
-    let found = BTreeMap::from_iter(found.iter().map(|&(it, count)| (place(it), count)));
+    }
+    let found = BTreeMap::from_iter(found.iter().map(|&(it, count)| (place(it, graph), count)));
     let mut left = MOST_GUESSED;
     let open = open.iter().filter(|it| !known.contains_key(&it.name));
-    let guess = |it: &Loop| {
-        let count = found.get(&place(it)).copied().filter(|count| (1..=left).contains(count))?;
+    open.filter_map(|it| {
+        let count =
+            found.get(&place(it, graph)).copied().filter(|count| (1..=left).contains(count))?;
         left -= count;
         Some((it.name.clone(), Count::Of(count)))
-    };
-    open.filter_map(guess).collect()
+    })
+    .collect()
 }
 
 /// The nodes that are wanted, as far as the graph has them by now.
 pub(super) fn wanted_nodes(graph: &Graph, wanted: &Wanted) -> Vec<usize> {
     let outputs = || graph.outputs().iter().map(|output| output.node);
-    let meant = |names: &[String]| -> Vec<usize> {
+    fn meant(names: &[String], graph: &Graph) -> Vec<usize> {
         names.iter().flat_map(|name| graph.meant(name)).collect()
-    };
+    }
     match wanted {
         Wanted::Outputs => judged_too(graph, outputs().collect()),
-        Wanted::OutputsAnd(names) => judged_too(graph, outputs().chain(meant(names)).collect()),
-        Wanted::Named(names) | Wanted::Nodes(names) => meant(names),
+        Wanted::OutputsAnd(names) => {
+            judged_too(graph, outputs().chain(meant(names, graph)).collect())
+        }
+        Wanted::Named(names) | Wanted::Nodes(names) => meant(names, graph),
         Wanted::Everything => (0..graph.nodes().len()).collect(),
     }
 }

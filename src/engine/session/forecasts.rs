@@ -46,7 +46,7 @@ impl Session {
         folder: &OutputFolder,
     ) -> Result<Vec<Forecast>, String> {
         let outputs = outputs_of(graph, only)?;
-        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let mut nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let expected = expected_of(graph, &nodes, only);
         nodes.extend(expect::nodes_of(&expected));
         let (_, open) = self.unjudged(graph, &expected);

@@ -38,11 +38,14 @@ pub(super) fn known(
             let (value, doubts) = session.catalog.readers().open(path, Some(kind))?;
             return Ok((KnownInput::Value(value), doubts));
         }
-        let noted = || {
+        fn noted(path: &Path, session: &Session, kind: &ValueType) -> Option<maquette_value::Hash> {
             let note = session.note(&note_of(path, kind)?)?;
             serde_json::from_slice::<KnownFile>(&note).ok()?.hash()
-        };
-        Ok((noted().map_or(KnownInput::File(file), KnownInput::Hash), Vec::new()))
+        }
+        Ok((
+            noted(path, session, kind).map_or(KnownInput::File(file), KnownInput::Hash),
+            Vec::new(),
+        ))
     })
 }
 

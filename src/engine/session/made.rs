@@ -42,13 +42,15 @@ impl Session {
         inputs: &[(String, PathBuf)],
         is_forecast: bool,
     ) -> Option<ReadFiles> {
-        let folder = |file: &Path| match file.parent() {
-            Some(folder) if folder != Path::new("") => folder.to_owned(),
-            _ => PathBuf::from("."),
-        };
+        fn folder(file: &Path) -> PathBuf {
+            match file.parent() {
+                Some(folder) if folder != Path::new("") => folder.to_owned(),
+                _ => PathBuf::from("."),
+            }
+        }
         let root = project_root(&folder(&graph.source().name));
-        let input = |(_, path): &(String, PathBuf)| NodeFile::given(path, [root.clone()].into());
-        let inputs = Vec::from_iter(inputs.iter().map(input));
+        let inputs: Vec<_> =
+            inputs.iter().map(|(_, path)| NodeFile::given(path, [root.clone()].into())).collect();
         let known = self.evaluator.known_files();
         let reads = Reads::new(known, graph.readers());
         let reads = if is_forecast { reads.sparing() } else { reads };
@@ -84,8 +86,11 @@ impl Session {
             words += &format!("{name:?} {} {output}\n", made[node]);
         }
         for expected in graph.expected(&Vec::from_iter(0..graph.nodes().len())) {
-            let value = |at: &Option<(usize, usize)>| at.map(|(node, output)| (made[node], output));
-            let values = Vec::from_iter(expected.values.iter().map(value));
+            let values: Vec<_> = expected
+                .values
+                .iter()
+                .map(|at| at.map(|(node, output)| (made[node], output)))
+                .collect();
             words += &format!("{:?} {values:?}\n", expected.expectation);
         }
         Hash::of(words.as_bytes())

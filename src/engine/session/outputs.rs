@@ -220,8 +220,9 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &mut Evaluator,
     ) -> Vec<usize> {
-        let is_right = |name: &str, made_of| self.still_there(name, made_of).is_some();
-        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+        self.nodes_unless(outputs, graph, catalog, evaluator, |name, made_of| {
+            self.still_there(name, made_of).is_some()
+        })
     }
 
     /// The same as far as the stamps of files tell, without reading any.
@@ -232,7 +233,7 @@ impl OutputFolder {
         catalog: &Catalog,
         evaluator: &mut Evaluator,
     ) -> Vec<usize> {
-        let is_right = |name: &str, made_of| {
+        self.nodes_unless(outputs, graph, catalog, evaluator, |name, made_of| {
             let known = self.lock();
             let files = known.get(name).filter(|known| known.made_of == made_of);
             files.is_some_and(|known| {
@@ -240,8 +241,7 @@ impl OutputFolder {
                     left.as_ref().is_some_and(|left| Stamp::of(&file.path) == Some(left.stamp))
                 })
             })
-        };
-        self.nodes_unless(outputs, graph, catalog, evaluator, is_right)
+        })
     }
 
     /// The nodes of outputs, but not of those whose files, made of a value and what they tell of it, are right.
@@ -253,7 +253,7 @@ impl OutputFolder {
         evaluator: &mut Evaluator,
         is_right: impl Fn(&str, Hash) -> bool,
     ) -> Vec<usize> {
-        let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let known = evaluator.foreseen(graph, &nodes);
         let teller = self.signs.then(|| Teller::new(graph, catalog));
         let is_known = |output: &&&GraphOutput| {
@@ -288,19 +288,27 @@ impl OutputFolder {
         let signature = |output: &GraphOutput| {
             Some(teller.as_ref()?.signature(output, |it| evaluation.read_by(it)))
         };
-        let write = |output: &&GraphOutput| match cancel.is_cancelled() {
-            true => Ok(Vec::new()),
-            false => self.output(output, evaluation, graph, signature(output), &destination),
-        };
-        let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
+        let results: Vec<_> = evaluator.install(|| {
+            outputs
+                .par_iter()
+                .map(|output| match cancel.is_cancelled() {
+                    true => Ok(Vec::new()),
+                    false => {
+                        self.output(output, evaluation, graph, signature(output), &destination)
+                    }
+                })
+                .collect()
+        });
         let (mut files, mut problems, mut is_refused) = (Vec::new(), Vec::new(), false);
         let mut writers: BTreeMap<PathBuf, &str> = BTreeMap::new();
         for (output, result) in outputs.iter().zip(results) {
             match result {
                 Ok(written) => {
                     // Names of files beside an output are known once it is written.
-                    let other = |file: &Written| writers.insert(file.path.clone(), &output.name);
-                    let others = Vec::from_iter(written.iter().filter_map(other));
+                    let others: Vec<_> = written
+                        .iter()
+                        .filter_map(|file| writers.insert(file.path.clone(), &output.name))
+                        .collect();
                     problems.extend(others.first().map(|other| shared_file(output, other)));
                     problems.extend(written.first().into_iter().flat_map(|_| self.doubts(output)));
                     files.extend(written);
@@ -318,12 +326,14 @@ impl OutputFolder {
     fn doubts(&self, output: &GraphOutput) -> Vec<Problem> {
         let known = self.lock();
         let doubts = known.get(&output.name).map_or(&[][..], |known| &known.doubts);
-        let warning = |doubt: &String| {
-            let place = (output.source.clone(), output.span);
-            let message = format!("`{}`: {doubt}", output.name);
-            Problem::new(Severity::Warning, code::WARNING, place, message)
-        };
-        doubts.iter().map(warning).collect()
+        doubts
+            .iter()
+            .map(|doubt| {
+                let place = (output.source.clone(), output.span);
+                let message = format!("`{}`: {doubt}", output.name);
+                Problem::new(Severity::Warning, code::WARNING, place, message)
+            })
+            .collect()
     }
 
     fn output(
@@ -341,26 +351,42 @@ impl OutputFolder {
         if let Some(files) = self.still_there(&output.name, made_of) {
             return Ok(files);
         }
-        let problem = |message: String, help: &str| {
-            let place = (output.source.clone(), output.span);
+        fn problem(
+            message: String,
+            help: &str,
+            output_source: &std::sync::Arc<maquette_syntax::Source>,
+            output_span: &maquette_syntax::Span,
+        ) -> Unwritten {
+            let place = (output_source.clone(), *output_span);
             let problem = Problem::new(Severity::Error, code::FAILED, place, message);
             let problem = Box::new(Problem { help: help.into(), ..problem });
             Unwritten { problem, is_refused: false }
-        };
+        }
         let mut start = Instant::now();
-        let cannot = |error| problem(format!("cannot write `{}`: {error}", output.name), "");
+        let cannot = |error| {
+            problem(
+                format!("cannot write `{}`: {error}", output.name),
+                "",
+                &output.source,
+                &output.span,
+            )
+        };
         let files = match evaluation.contents(output, signature.as_ref()) {
             None => return Ok(Vec::new()),
             Some(files) => files.map_err(cannot)?,
         };
         let path = |name: &str| self.folder_of(output).join(name);
-        let is_other = |(name, _): &&(String, _)| {
-            let of_other = |other: &GraphOutput| self.folder.join(&other.name) == path(name);
-            path(name) != self.folder.join(&output.name) && graph.outputs().iter().any(of_other)
-        };
-        if let Some((name, _)) = files.iter().find(is_other) {
+        if let Some((name, _)) = files.iter().find(|(name, _)| {
+            path(name) != self.folder.join(&output.name)
+                && graph.outputs().iter().any(|other| self.folder.join(&other.name) == path(name))
+        }) {
             let message = format!("`{}` also writes {name}, another output", output.name);
-            return Err(problem(message, "give one of the two outputs another name"));
+            return Err(problem(
+                message,
+                "give one of the two outputs another name",
+                &output.source,
+                &output.span,
+            ));
         }
         // What was kept for the last files is there until those of now are made of it.
         let mut last = self.take_again(&output.name);
@@ -386,7 +412,7 @@ impl OutputFolder {
                 };
                 let message = format!("cannot write {}: {refused}", path.display());
                 let is_refused = !matches!(refused, Refused::Source(_));
-                Unwritten { is_refused, ..problem(message, help) }
+                Unwritten { is_refused, ..problem(message, help, &output.source, &output.span) }
             })?;
             let seconds = start.elapsed().as_secs_f64();
             start = Instant::now();
@@ -412,10 +438,9 @@ impl OutputFolder {
         let known = self.lock();
         let mut files = known.get(output).filter(|it| it.made_of == made_of)?.files.clone();
         drop(known);
-        let is_as_left = |(file, left): &mut (Written, Option<Left>)| {
+        if !files.iter_mut().all(|(file, left): &mut (Written, Option<Left>)| {
             left.as_mut().is_some_and(|left| left.is_there(file))
-        };
-        if !files.iter_mut().all(is_as_left) {
+        }) {
             return None;
         }
         let unchanged =
@@ -442,11 +467,14 @@ impl OutputFolder {
         let (left, hash, again) = match there {
             Some((found, bytes)) => (Some(found), Hash::of(bytes), Again::default()),
             None => {
-                let fill = |file: &mut File, there: Option<&Pieces>| {
-                    content.each(known, there, |place, piece| write_at(file, place, piece))
-                };
-                let Rewritten { stamp, told: (hash, pieces), spare } =
-                    destination.write_again(&path, content.len(), last, fill)?;
+                let Rewritten { stamp, told: (hash, pieces), spare } = destination.write_again(
+                    &path,
+                    content.len(),
+                    last,
+                    |file: &mut File, there: Option<&Pieces>| {
+                        content.each(known, there, |place, piece| write_at(file, place, piece))
+                    },
+                )?;
                 let left = stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() });
                 (left, hash, Again { pieces, spare, ..Again::default() })
             }
@@ -493,8 +521,10 @@ fn holds(path: &Path, bytes: &[u8]) -> Option<Left> {
     const LARGE: usize = 16 << 20;
     let found = Left::at(path)?;
     let same_length = fs::metadata(path).is_ok_and(|it| it.len() == bytes.len() as u64);
-    let same = || plain::read_own(path).is_ok_and(|there| there == bytes);
-    (same_length && bytes.len() < LARGE && same()).then_some(found)
+    fn same(bytes: &[u8], path: &Path) -> bool {
+        plain::read_own(path).is_ok_and(|there| there == bytes)
+    }
+    (same_length && bytes.len() < LARGE && same(bytes, path)).then_some(found)
 }
 
 /// Writes the files of a value, as [`Catalog::write`](maquette_graph::catalog::Catalog::write) gives them, beside each other to where `path` is: each whole
@@ -583,27 +613,35 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         let outputs = OutputFolder::new(Some(folder.path()), Path::new("a.ron"));
-        let is_right = || outputs.still_there("a", Hash::of(b"value")).is_some();
+        fn is_right(outputs: &OutputFolder) -> bool {
+            outputs.still_there("a", Hash::of(b"value")).is_some()
+        }
         write(&outputs, &path);
-        assert!(is_right());
+        assert!(is_right(&outputs));
         // Within the clock's grain, as far as a stamp tells.
         fs::write(&path, "plx").unwrap();
         let stamp = Stamp::of(&path);
-        let pretend = |known: &mut Known| {
-            known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
-        };
-        outputs.lock().get_mut("a").map(pretend).unwrap();
-        assert!(!is_right());
+        outputs
+            .lock()
+            .get_mut("a")
+            .map(|known: &mut Known| {
+                known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
+            })
+            .unwrap();
+        assert!(!is_right(&outputs));
         fs::write(&path, "ply").unwrap();
         let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
         File::options().append(true).open(&path).unwrap().set_modified(old).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(150));
         let stamp = Stamp::of(&path);
-        let pretend = |known: &mut Known| {
-            known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
-        };
-        outputs.lock().get_mut("a").map(pretend).unwrap();
-        assert!(is_right());
+        outputs
+            .lock()
+            .get_mut("a")
+            .map(|known: &mut Known| {
+                known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
+            })
+            .unwrap();
+        assert!(is_right(&outputs));
         let settled = outputs.lock()["a"].files[0].1.as_ref().map(|left| left.settled);
         assert_eq!(settled, Some(true), "the next look needs no reading");
     }

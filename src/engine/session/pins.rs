@@ -43,13 +43,15 @@ pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String
         let known = Vec::from_iter(graph.names());
         return Err(graph.unknown("node", name, "its nodes", &known));
     }
-    let of_kind = |kind| nodes.iter().any(|&node| graph.nodes()[node].kind() == kind);
-    if of_kind(INPUT) {
+    fn of_kind(kind: &str, nodes: &[usize], graph: &Graph) -> bool {
+        nodes.iter().any(|&node| graph.nodes()[node].kind() == kind)
+    }
+    if of_kind(INPUT, &nodes, graph) {
         return Err(format!(
             "`{name}` is an input of the graph: what is given there is not computed"
         ));
     }
-    if of_kind(ELEMENTS) {
+    if of_kind(ELEMENTS, &nodes, graph) {
         return Err(format!("`{name}` is a part of data: pin the data"));
     }
     Ok(nodes.into_iter().map(|node| &graph.nodes()[node].name[..]).collect())
@@ -92,8 +94,10 @@ impl Finished {
 pub fn unpin(graph: &Path, names: &[String]) -> Result<Vec<String>, PinError> {
     let _turn = Turn::beside(graph)?;
     let mut pins = Pins::of(graph)?;
-    let is_meant = |pinned: &String| names.iter().any(|name| means(name, pinned));
-    let taken = Vec::from_iter(pins.pins.extract_if(.., |pinned, _| is_meant(pinned)));
+    fn is_meant(pinned: &String, names: &[String]) -> bool {
+        names.iter().any(|name| means(name, pinned))
+    }
+    let taken = Vec::from_iter(pins.pins.extract_if(.., |pinned, _| is_meant(pinned, names)));
     let file = graph.with_extension(PINS_ENDING);
     match (taken.is_empty(), pins.pins.is_empty()) {
         (true, _) => {}

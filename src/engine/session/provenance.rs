@@ -124,8 +124,10 @@ impl<'a> Teller<'a> {
 
     fn text(&self, text: &str) -> String {
         let path = Path::new(text);
-        let climbs = || path.components().any(|part| part == Component::ParentDir);
-        if !path.is_absolute() && !climbs() {
+        fn climbs(path: &Path) -> bool {
+            path.components().any(|part| part == Component::ParentDir)
+        }
+        if !path.is_absolute() && !climbs(path) {
             return text.to_owned();
         }
         let file = self.folder.join(path);

@@ -31,8 +31,11 @@ impl Verdicts {
         hash: impl Fn(usize, usize) -> Option<Hash>,
     ) -> Vec<&'e Expected> {
         let known: HashSet<&Hash> = self.held.iter().collect();
-        let is_open = |it: &&&Expected| verdict(it, &hash).is_none_or(|it| !known.contains(&it));
-        expected.iter().filter(is_open).copied().collect()
+        expected
+            .iter()
+            .filter(|it| verdict(it, &hash).is_none_or(|it| !known.contains(&it)))
+            .copied()
+            .collect()
     }
 
     /// Judges these expectations one by one until it is told to stop, and knows from now on which of them hold. What was known of the
@@ -51,8 +54,9 @@ impl Verdicts {
             let mut values = expected.values.iter().flatten();
             let is_judged = values.all(|&(node, output)| value(node, output).is_some());
             if violations.is_empty() && is_judged {
-                let hash = |node, output| value(node, output).map(AnyValue::hash);
-                held.extend(verdict(expected, hash));
+                held.extend(verdict(expected, |node, output| {
+                    value(node, output).map(AnyValue::hash)
+                }));
             }
             found.extend(violations);
         }
@@ -93,7 +97,8 @@ impl Session {
 
     /// Tells the next run, in this process or another one.
     pub(super) fn keep_verdicts(&self, graph: &Graph, verdicts: &Verdicts) {
-        let note = || serde_json::to_vec(&verdicts.held).unwrap_or_default();
-        self.keep_note(&graph.source().name.with_extension("verdicts"), note);
+        self.keep_note(&graph.source().name.with_extension("verdicts"), || {
+            serde_json::to_vec(&verdicts.held).unwrap_or_default()
+        });
     }
 }

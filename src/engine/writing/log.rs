@@ -65,13 +65,15 @@ mod tests {
     #[test]
     fn what_a_link_leads_to_is_no_log() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        fs::write(at("graph.ron"), "Graph()").unwrap();
-        fs::create_dir(at("logs")).unwrap();
-        std::os::unix::fs::symlink(at("graph.ron"), at("logs/5.log")).unwrap();
-        std::os::unix::fs::symlink(folder.path(), at("logs/more")).unwrap();
-        assert!(begin_log(&at("logs/5.log")).is_err());
-        remove_logs(&at("logs"));
-        assert_eq!(fs::read_to_string(at("graph.ron")).unwrap(), "Graph()");
+        fn at(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
+            folder.path().join(name)
+        }
+        fs::write(at("graph.ron", &folder), "Graph()").unwrap();
+        fs::create_dir(at("logs", &folder)).unwrap();
+        std::os::unix::fs::symlink(at("graph.ron", &folder), at("logs/5.log", &folder)).unwrap();
+        std::os::unix::fs::symlink(folder.path(), at("logs/more", &folder)).unwrap();
+        assert!(begin_log(&at("logs/5.log", &folder)).is_err());
+        remove_logs(&at("logs", &folder));
+        assert_eq!(fs::read_to_string(at("graph.ron", &folder)).unwrap(), "Graph()");
     }
 }

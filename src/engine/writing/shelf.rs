@@ -70,8 +70,11 @@ impl Shelf {
     /// # Errors
     /// In words, if such a name may lead elsewhere.
     pub fn place(&self, name: &str) -> Result<PathBuf, String> {
-        let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-        if name.is_empty() || name.starts_with('.') || name == LOCK || !name.bytes().all(is_plain) {
+        if name.is_empty()
+            || name.starts_with('.')
+            || name == LOCK
+            || !name.bytes().all(|byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte))
+        {
             let allowed = "letters, digits, `-`, `_` and `.`, and no `.` at its beginning";
             return Err(format!("`{name}` cannot name a file here: names are of {allowed}"));
         }
@@ -87,12 +90,16 @@ fn sweep(parent: &Path) {
             && fs::symlink_metadata(&path).is_ok_and(|metadata| metadata.is_dir());
         let lock = path.join(LOCK);
         // To open a pipe would wait for its reader.
-        let is_plain = || fs::symlink_metadata(&lock).is_ok_and(|metadata| metadata.is_file());
-        let locked = || File::options().write(true).open(&lock).map(|it| it.try_lock());
+        fn is_plain(lock: &Path) -> bool {
+            fs::symlink_metadata(lock).is_ok_and(|metadata| metadata.is_file())
+        }
+        fn locked(lock: &Path) -> Result<Result<(), TryLockError>, io::Error> {
+            File::options().write(true).open(lock).map(|it| it.try_lock())
+        }
         // One without a lock is being made.
         if is_shelf
-            && is_plain()
-            && locked().is_ok_and(|it| {
+            && is_plain(&lock)
+            && locked(&lock).is_ok_and(|it| {
                 !matches!(it, Err(TryLockError::WouldBlock | TryLockError::Error(_)))
             })
         {

@@ -58,9 +58,13 @@ impl Sources {
 /// The path without links and dots, also of a file that is not there yet, or whose folder is not: `new/../scan.ply` is `scan.ply` once that
 /// folder has been made.
 fn real(path: &Path) -> Option<PathBuf> {
-    let whole = || Some(folder_of_new(path).join(path.file_name()?));
-    let there = |path: &Path| std::fs::canonicalize(path).ok();
-    there(path).or_else(|| whole().map(|path| there(&path).unwrap_or(path)))
+    fn whole(path: &Path) -> Option<PathBuf> {
+        Some(folder_of_new(path).join(path.file_name()?))
+    }
+    fn there(path: &Path) -> Option<PathBuf> {
+        std::fs::canonicalize(path).ok()
+    }
+    there(path).or_else(|| whole(path).map(|path| there(&path).unwrap_or(path)))
 }
 
 #[cfg(test)]
@@ -70,15 +74,17 @@ mod tests {
     #[test]
     fn a_file_is_known_by_any_way_to_it_also_by_one_that_will_be_there() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
+        fn at(name: &str, folder: &tempfile::TempDir) -> PathBuf {
+            folder.path().join(name)
+        }
         for name in ["scan.ply", "other.ron", "mine.ply"] {
-            std::fs::write(at(name), "").unwrap();
+            std::fs::write(at(name, &folder), "").unwrap();
         }
         let mut sources = Sources::default();
-        sources.add(&at("scan.ply"), READ);
-        sources.add(&at("new.ply"), READ);
+        sources.add(&at("scan.ply", &folder), READ);
+        sources.add(&at("new.ply", &folder), READ);
         for way in ["", "./", "x/../", "x/y/../../", "x/./../"] {
-            let use_of = |name: &str| sources.use_of(&at(&format!("{way}{name}")));
+            let use_of = |name: &str| sources.use_of(&at(&format!("{way}{name}"), &folder));
             assert_eq!(use_of("scan.ply"), Some(READ), "{way}");
             assert_eq!(use_of("new.ply"), Some(READ), "{way}");
             assert!(use_of("other.ron").is_some(), "{way}");

@@ -54,11 +54,10 @@ impl<T> Spare<T> {
         let (file, name) = file.into_parts();
         let old = NamedTempFile::from_parts(old, name);
         // Somebody may have put another file there in between, which is then replaced.
-        let is_it = |it: &Metadata| {
+        let metadata = old.as_file().metadata().ok().filter(|it| {
             std::fs::symlink_metadata(old.path())
                 .is_ok_and(|there| Stamp::new(&there) == Stamp::new(it))
-        };
-        let metadata = old.as_file().metadata().ok().filter(is_it);
+        });
         let stamp = metadata.map(|metadata| Stamp::new(&metadata));
         Ok((file, stamp.map(|stamp| Self { file: old, stamp, holds })))
     }
@@ -102,13 +101,13 @@ pub(super) fn is_open_only_here(file: &File) -> bool {
     use std::os::fd::AsRawFd;
     /// Which signal tells that somebody opens it while we have the lease: one that nobody minds.
     const F_SETSIG: libc::c_int = 10;
-    let set = |command, value: libc::c_int| {
+    fn set(command: i32, value: libc::c_int, file: &File) -> bool {
         // SAFETY: these commands take a number, and the file is open.
         unsafe { libc::fcntl(file.as_raw_fd(), command, value) == 0 }
-    };
-    set(F_SETSIG, libc::SIGURG)
-        && set(libc::F_SETLEASE, libc::F_WRLCK)
-        && set(libc::F_SETLEASE, libc::F_UNLCK)
+    }
+    set(F_SETSIG, libc::SIGURG, file)
+        && set(libc::F_SETLEASE, libc::F_WRLCK, file)
+        && set(libc::F_SETLEASE, libc::F_UNLCK, file)
 }
 
 #[cfg(not(target_os = "linux"))]

@@ -61,8 +61,10 @@ pub(crate) fn is_temporary(path: &Path) -> bool {
 /// Whether no process writes a temporary file any more.
 pub(crate) fn is_abandoned(path: &Path) -> bool {
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
-    let locked = || File::options().append(true).open(path).map(|file| file.try_lock());
-    is_temporary(path) && is_file && locked().is_ok_and(|locked| locked.is_ok())
+    fn locked(path: &Path) -> Result<Result<(), TryLockError>, io::Error> {
+        File::options().append(true).open(path).map(|file| file.try_lock())
+    }
+    is_temporary(path) && is_file && locked(path).is_ok_and(|locked| locked.is_ok())
 }
 
 /// Sweeps a folder before this process first writes there: a batch writes thousands of files to one folder.

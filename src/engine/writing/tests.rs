@@ -19,7 +19,7 @@ fn a_file_is_replaced_whole_and_its_stamp_is_that_of_what_was_written() {
 fn a_large_file_is_written_from_many_threads_and_replaces_the_old_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("large.bin");
-    let bytes = Vec::from_iter((0..20_000_000u32).map(|k| (k / 5) as u8));
+    let bytes: Vec<_> = (0..20_000_000u32).map(|k| (k / 5) as u8).collect();
     for len in [bytes.len(), 17_000_000, 5] {
         let written = write_by(&path, len, Last::<()>::default(), |file, _| {
             let (left, right) = bytes[..len].split_at(len / 2);
@@ -67,20 +67,21 @@ impl Repeated {
 
     /// Gives what was in the file that was written over, if there was one.
     fn write(&mut self, byte: u8) -> Option<u8> {
-        let fill = |file: &mut File, there: Option<&u8>| {
-            let there = there.copied();
-            if let Some(there) = there {
-                assert!(
-                    fs::read(format!("/proc/self/fd/{}", file.as_raw_fd()))?
-                        .iter()
-                        .all(|it| *it == there)
-                );
-            }
-            write_at(file, 0, &vec![byte; Self::LEN])?;
-            Ok(there)
-        };
         let last = std::mem::take(&mut self.last);
-        let written = write_by(&self.path, Self::LEN, last, fill).unwrap();
+        let written =
+            write_by(&self.path, Self::LEN, last, |file: &mut File, there: Option<&u8>| {
+                let there = there.copied();
+                if let Some(there) = there {
+                    assert!(
+                        fs::read(format!("/proc/self/fd/{}", file.as_raw_fd()))?
+                            .iter()
+                            .all(|it| *it == there)
+                    );
+                }
+                write_at(file, 0, &vec![byte; Self::LEN])?;
+                Ok(there)
+            })
+            .unwrap();
         assert_eq!(written.stamp, Stamp::of(&self.path));
         assert!(self.holds(byte));
         self.last = Last { there: written.stamp.map(|stamp| (stamp, byte)), spare: written.spare };
@@ -246,7 +247,7 @@ fn nothing_is_written_or_removed_elsewhere() {
     ];
     let mut found = Vec::new();
     sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join(".."), &mut found);
-    let tests = Vec::from_iter(found.iter().flat_map(|(path, text)| for_tests(path, text)));
+    let tests: Vec<_> = found.iter().flat_map(|(path, text)| for_tests(path, text)).collect();
     found.retain(|(path, _)| !tests.iter().any(|test| path.with_extension("").starts_with(test)));
     assert!(found.len() > 100);
     for (path, text) in found {

@@ -16,7 +16,9 @@ use crate::{FORMATS, READERS};
 
 /// A quad beside a triangle, with texture coordinates if `with_uv`. It is where a 3MF file would move it: on the plate.
 fn bare(with_uv: bool) -> Mesh {
-    let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+    fn at(x: f64, y: f64) -> Point3<f64> {
+        Point3::new(x, y, 0.0)
+    }
     let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
     let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
     let mesh = Mesh::new(positions, faces).unwrap();
@@ -36,8 +38,11 @@ fn numbers(count: u8) -> Attribute {
 }
 
 fn normals() -> Attribute {
-    let normal = |k: u8| if k.is_multiple_of(2) { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
-    Attribute::Vector((0..5).map(normal).collect())
+    Attribute::Vector(
+        (0..5)
+            .map(|k: u8| if k.is_multiple_of(2) { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] })
+            .collect(),
+    )
 }
 
 /// The mesh with data of a kind, and the attribute that has it; none for kinds of which a mesh has nothing to vary.
@@ -90,8 +95,9 @@ fn entries(mesh: &Mesh, domain: usize, name: &str) -> Vec<String> {
     let attributes = [mesh.vertex(), mesh.face(), mesh.corner()][domain];
     let Some(attribute) = attributes.get(name) else { return Vec::new() };
     let place = |vertex: usize| format!("{:?}", mesh.positions()[vertex].coords.as_slice());
-    let faces =
-        || mesh.faces().iter().map(|face| Vec::from_iter(face.iter().map(|&v| place(v as usize))));
+    let faces = || {
+        mesh.faces().iter().map(|face| face.iter().map(|&v| place(v as usize)).collect::<Vec<_>>())
+    };
     let elements: Vec<String> = match domain {
         0 => (0..mesh.positions().len()).map(place).collect(),
         1 => faces().map(|face| face.concat()).collect(),
@@ -100,7 +106,7 @@ fn entries(mesh: &Mesh, domain: usize, name: &str) -> Vec<String> {
     };
     let of =
         |(element, at): (usize, String)| format!("{at} {:?}", attribute.select(&[element as u32]));
-    let mut entries = Vec::from_iter(elements.into_iter().enumerate().map(of));
+    let mut entries: Vec<_> = elements.into_iter().enumerate().map(of).collect();
     entries.sort();
     entries.dedup();
     entries
@@ -113,11 +119,11 @@ fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
         Creases => return Left::All,
         Materials => {
             // Pictures may get other names.
-            let nameless = |mesh: &Mesh| {
+            fn nameless(mesh: &Mesh) -> Vec<Material> {
                 let mut all = mesh.materials().to_vec();
                 all.iter_mut().flat_map(|it| it.maps.values_mut()).for_each(|map| map.file.clear());
                 all
-            };
+            }
             let is_same = nameless(after) == nameless(before);
             let is_lost = after.materials().is_empty();
             return if is_same {
@@ -139,13 +145,19 @@ fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
         CornerColors | CornerUv | CornerAttributes => 2,
         _ => 0,
     };
-    let all = |domain: usize| entries(after, domain, name);
+    fn all(domain: usize, after: &Mesh, name: &str) -> Vec<String> {
+        entries(after, domain, name)
+    }
     // A vertex has what all its corners have.
-    let is_same = |other: usize| all(other) == entries(before, domain, name);
+    let is_same = |other: usize| all(other, after, name) == entries(before, domain, name);
     if is_same(domain) || (domain == 0 && is_same(2)) {
         return Left::All;
     }
-    if (0..3).any(|other| !all(other).is_empty()) { Left::Other } else { Left::Nothing }
+    if (0..3).any(|other| !all(other, after, name).is_empty()) {
+        Left::Other
+    } else {
+        Left::Nothing
+    }
 }
 
 fn write(format: &Format, value: impl Into<AnyValueOf>) -> Vec<NewFile> {
@@ -235,11 +247,11 @@ fn what_is_written_and_read_is_there_as_both_say() {
         }
         let (before, after) =
             (bare(false), read(&write(format, &bare(false)), format.ending).unwrap());
-        let sorted = |mesh: &Mesh| {
-            let mut places = Vec::from_iter(mesh.positions().iter().map(|p| format!("{p:?}")));
+        fn sorted(mesh: &Mesh) -> Vec<String> {
+            let mut places: Vec<_> = mesh.positions().iter().map(|p| format!("{p:?}")).collect();
             places.sort();
             places
-        };
+        }
         assert_eq!(sorted(&before), sorted(&after), "{}", format.ending);
         let is_same = before.faces().len() == after.faces().len();
         assert_eq!(is_same, fidelity(format.fidelity, Faces) == Some(Kept), "{}", format.ending);
@@ -256,8 +268,11 @@ fn a_file_has_the_unit_and_the_axis_that_its_format_lists() {
             "3mf" => crate::three_mf::tests::files(&file).remove(2).1,
             _ => file.clone(),
         };
-        let has = |text: &str| String::from_utf8_lossy(&inside).contains(text);
-        let has_unit = has("unit=\"millimeter\"") || has("\"scale\":[0.001,0.001,0.001]");
+        fn has(text: &str, inside: &[u8]) -> bool {
+            String::from_utf8_lossy(inside).contains(text)
+        }
+        let has_unit =
+            has("unit=\"millimeter\"", &inside) || has("\"scale\":[0.001,0.001,0.001]", &inside);
         let name = format.ending;
         assert_eq!(has_unit, fidelity(format.fidelity, Units).is_some(), "{name}");
         // What a sensor sees upside down is turned, in all of them; only some have an axis that is known to point upwards.

@@ -238,17 +238,19 @@ impl<'a> Buffer<'a> {
 
     /// The bytes of a view.
     pub(super) fn view(&self, index: usize) -> Result<View<'a>, GlbReadError> {
-        let wrong = |what| GlbReadError::Part { part: "bufferView", index, what };
-        let view = self.document.buffer_views.get(index).ok_or(wrong("does not exist"))?;
+        fn wrong(what: &'static str, index: usize) -> GlbReadError {
+            GlbReadError::Part { part: "bufferView", index, what }
+        }
+        let view = self.document.buffer_views.get(index).ok_or(wrong("does not exist", index))?;
         if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
             return Err(GlbReadError::Extension { name: name.clone() });
         }
         if view.buffer != 0 {
-            return Err(wrong("is in another file"));
+            return Err(wrong("is in another file", index));
         }
         let end = view.byte_offset.checked_add(view.byte_length);
         let bytes = end.and_then(|end| self.bytes.get(view.byte_offset..end));
-        let bytes = bytes.ok_or(wrong("is not inside the buffer"))?;
+        let bytes = bytes.ok_or(wrong("is not inside the buffer", index))?;
         Ok(View { bytes, stride: view.byte_stride })
     }
 
@@ -264,21 +266,23 @@ impl<'a> Buffer<'a> {
         &mut self,
         index: usize,
     ) -> Result<Vec<[f64; N]>, GlbReadError> {
-        let wrong = |what| GlbReadError::Part { part: "accessor", index, what };
+        fn wrong(what: &'static str, index: usize) -> GlbReadError {
+            GlbReadError::Part { part: "accessor", index, what }
+        }
         let document = self.document;
-        let accessor = document.accessors.get(index).ok_or(wrong("does not exist"))?;
+        let accessor = document.accessors.get(index).ok_or(wrong("does not exist", index))?;
         let components = match &*accessor.kind {
             "SCALAR" => 1,
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
-            _ => return Err(wrong("is of a type that is not read")),
+            _ => return Err(wrong("is of a type that is not read", index)),
         };
         if components < N {
-            return Err(wrong("has too few components"));
+            return Err(wrong("has too few components", index));
         }
         let component = Component::new(accessor.component_type);
-        let component = component.ok_or(wrong("has components of an unknown type"))?;
+        let component = component.ok_or(wrong("has components of an unknown type", index))?;
         let size = components * component.size();
         let packed = document.extensions_used.iter().find(|name| name.contains("compression"));
         let entries = match accessor.buffer_view {
@@ -288,7 +292,7 @@ impl<'a> Buffer<'a> {
             None => None,
             Some(view) => Some(
                 self.entries(view, accessor.byte_offset, size, accessor.count)?
-                    .ok_or(wrong("is longer than its part of the buffer"))?,
+                    .ok_or(wrong("is longer than its part of the buffer", index))?,
             ),
         };
         let numbers = accessor.count.saturating_mul(N);
@@ -296,24 +300,33 @@ impl<'a> Buffer<'a> {
             .left
             .checked_sub(numbers)
             .ok_or(GlbReadError::Repetition { most: MOST_PER_BYTE })?;
-        let number = |bytes: &[u8], at: usize| {
+        fn number(
+            bytes: &[u8],
+            at: usize,
+            component: &Component,
+            accessor_normalized: bool,
+        ) -> f64 {
             let (number, largest) = component.read(&bytes[at..]);
-            if accessor.normalized { (number / largest).max(-1.0) } else { number }
+            if accessor_normalized { (number / largest).max(-1.0) } else { number }
+        }
+        let row = |row| {
+            array::from_fn(|k| number(row, k * component.size(), &component, accessor.normalized))
         };
-        let row = |row| array::from_fn(|k| number(row, k * component.size()));
         // Without bytes all of it is zero.
         let mut rows =
             entries.map_or(vec![[0.0; N]; accessor.count], |rows| rows.map(row).collect());
         if let Some(Sparse { count, indices, values }) = &accessor.sparse {
             let of_index = indices.component_type.and_then(Component::new);
-            let of_index = of_index.ok_or(wrong("has sparse indices of an unknown type"))?;
-            let broken = || wrong("has sparse entries outside of the buffer");
+            let of_index = of_index.ok_or(wrong("has sparse indices of an unknown type", index))?;
+            fn broken(index: usize) -> GlbReadError {
+                wrong("has sparse entries outside of the buffer", index)
+            }
             let places =
                 self.entries(indices.buffer_view, indices.byte_offset, of_index.size(), *count);
             let values = self.entries(values.buffer_view, values.byte_offset, size, *count)?;
-            for (place, value) in places?.ok_or(broken())?.zip(values.ok_or(broken())?) {
+            for (place, value) in places?.ok_or(broken(index))?.zip(values.ok_or(broken(index))?) {
                 let entry = rows.get_mut(of_index.read(place).0 as usize);
-                *entry.ok_or(wrong("has a sparse entry behind its end"))? = row(value);
+                *entry.ok_or(wrong("has a sparse entry behind its end", index))? = row(value);
             }
         }
         Ok(rows)

@@ -4,7 +4,7 @@ use std::mem::discriminant;
 
 use bytemuck::NoUninit;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Column, Mesh, Rgb, UvTransform, linear_from_srgb};
+use maquette_value::{Attribute, Column, Mesh, UvTransform, linear_from_srgb};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
@@ -31,10 +31,14 @@ impl<'a> Vertices<'a> {
                 && other
                     .is_none_or(|other| is_known && discriminant(other) != discriminant(attribute))
         });
-        let of_corners = Vec::from_iter(of_corners.map(|(_, attribute)| attribute));
-        let same = |a, b| of_corners.iter().all(|attribute| attribute.is_same(a, b));
+        let of_corners: Vec<_> = of_corners.map(|(_, attribute)| attribute).collect();
         let cut = !mesh.faces().is_empty() && !of_corners.is_empty();
-        Self { mesh, split: cut.then(|| split(mesh, same)) }
+        Self {
+            mesh,
+            split: cut.then(|| {
+                split(mesh, |a, b| of_corners.iter().all(|attribute| attribute.is_same(a, b)))
+            }),
+        }
     }
 
     /// All attributes that are written, those of vertices in place of those of corners.
@@ -97,15 +101,16 @@ impl<'a> Vertices<'a> {
 
 /// The lowest and highest coordinates of some points, of which there is at least one.
 fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
-    let of = |points: &[Point3<f64>]| {
-        points[1..]
-            .iter()
-            .fold((points[0], points[0]), |(low, high), it| (low.inf(it), high.sup(it)))
-    };
-    let blocks: Vec<_> = points.par_chunks(BLOCK).map(of).collect();
+    let blocks: Vec<_> = points
+        .par_chunks(BLOCK)
+        .map(|points| {
+            points[1..]
+                .iter()
+                .fold((points[0], points[0]), |(low, high), it| (low.inf(it), high.sup(it)))
+        })
+        .collect();
     type Bounds = (Point3<f64>, Point3<f64>);
-    let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
-    blocks[1..].iter().fold(blocks[0], both)
+    blocks[1..].iter().fold(blocks[0], |all: Bounds, of| (all.0.inf(&of.0), all.1.sup(&of.1)))
 }
 
 /// The bytes behind the document, and what says what they are.
@@ -167,8 +172,8 @@ impl<'a> Buffers<'a> {
         let points = vertices.gather(Some(vertices.mesh.positions()), None);
         let known = vertices.split.is_none().then(|| vertices.mesh.known_bounds()).flatten();
         let (low, high) = known.unwrap_or_else(|| bounds(&points));
-        let entry = |point: &Point3<f64>| floats(point.coords.into());
-        let accessor = self.attribute("position", points, (FLOAT, "VEC3"), entry);
+        let accessor = self
+            .attribute("position", points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
         self.accessors[accessor]["min"] = json!(low.cast::<f32>().coords.as_slice());
         self.accessors[accessor]["max"] = json!(high.cast::<f32>().coords.as_slice());
         accessor
@@ -181,13 +186,15 @@ impl<'a> Buffers<'a> {
         let per_corner = mesh.corner().vectors("normal").filter(|_| per_vertex.is_none());
         if per_vertex.or(per_corner).is_none() {
             let normals = mesh.single_normals();
-            let entry = |&normal: &[f32; 3]| match normal {
-                // glTF has unit normals only; a vertex of no face gets any.
-                [0.0, 0.0, 0.0] => [0.0, 0.0, 1.0].map(f32::to_le_bytes),
-                unit => unit.map(f32::to_le_bytes),
-            };
             let all = vertices.gather(Some(&normals), None);
-            return (self.attribute("seen normal", all, (FLOAT, "VEC3"), entry), Some(normals));
+            return (
+                self.attribute("seen normal", all, (FLOAT, "VEC3"), |&normal| match normal {
+                    // glTF has unit normals only; a vertex of no face gets any.
+                    [0.0, 0.0, 0.0] => [0.0, 0.0, 1.0].map(f32::to_le_bytes),
+                    unit => unit.map(f32::to_le_bytes),
+                }),
+                Some(normals),
+            );
         }
         let normals = vertices.gather(per_vertex, per_corner);
         let accessor = self.attribute("normal", normals, (FLOAT, "VEC3"), |&normal| {
@@ -202,9 +209,8 @@ impl<'a> Buffers<'a> {
         let mesh = vertices.mesh;
         let uv = vertices.gather(mesh.vertex().pairs(name), mesh.corner().pairs(name));
         // In glTF (0, 0) is the picture's upper left corner.
-        let entry = |&[s, t]: &[f64; 2]| floats([s, 1.0 - t]);
         if by == UvTransform::default() {
-            return self.attribute("uv", uv, (FLOAT, "VEC2"), entry);
+            return self.attribute("uv", uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]));
         }
         let undone = uv.iter().map(|&[s, t]| by.undo([s, 1.0 - t])).collect();
         self.attribute("moved uv", undone, (FLOAT, "VEC2"), |&uv| floats(uv))
@@ -239,8 +245,9 @@ impl<'a> Buffers<'a> {
             Attribute::Index(own) if own.iter().all(|&x| x <= u16::MAX.into()) => {
                 let all = vertices.gather_own(own, on_vertices);
                 // Two bytes that fill the row up to four.
-                let entry = |&x: &u32| [(x as u16).to_le_bytes(), [0; 2]];
-                let accessor = self.attribute("own index", all, (UNSIGNED_SHORT, "SCALAR"), entry);
+                let accessor = self.attribute("own index", all, (UNSIGNED_SHORT, "SCALAR"), |&x| {
+                    [(x as u16).to_le_bytes(), [0; 2]]
+                });
                 self.views.last_mut().expect("that of the accessor")["byteStride"] = 4.into();
                 accessor
             }
@@ -258,8 +265,12 @@ impl<'a> Buffers<'a> {
             }
             Attribute::Color(own) => {
                 let all = vertices.gather_own(own, on_vertices);
-                let entry = |&[red, green, blue]: &Rgb| [red, green, blue, u8::MAX];
-                let accessor = self.attribute("own color", all, (UNSIGNED_BYTE, "VEC4"), entry);
+                let accessor = self.attribute(
+                    "own color",
+                    all,
+                    (UNSIGNED_BYTE, "VEC4"),
+                    |&[red, green, blue]| [red, green, blue, u8::MAX],
+                );
                 self.accessors[accessor]["normalized"] = true.into();
                 accessor
             }

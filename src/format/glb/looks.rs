@@ -236,7 +236,9 @@ fn place(all: &mut Vec<Value>, item: Value) -> usize {
 /// The picture with the metal in blue and the roughness in green: that of both maps if they have it so, else one made of them.
 fn packed(maps: &std::collections::BTreeMap<MapKind, Map>) -> Result<Option<Map>, Error> {
     let [metal, rough] = [MapKind::Metallic, MapKind::Roughness].map(|kind| maps.get(&kind));
-    let is_packed = |map: &Map, channel| map.channel == Some(channel);
+    fn is_packed(map: &Map, channel: u8) -> bool {
+        map.channel == Some(channel)
+    }
     match (metal, rough) {
         (None, None) => return Ok(None),
         (Some(metal), Some(rough))
@@ -248,19 +250,21 @@ fn packed(maps: &std::collections::BTreeMap<MapKind, Map>) -> Result<Option<Map>
         }
         _ => {}
     }
-    let read = |map: Option<&Map>| {
+    fn read(map: Option<&Map>) -> Result<Option<(maquette_value::Image, u8)>, Error> {
         map.map(|map| Ok::<_, Error>((picture_file::read(&map.bytes)?, map.channel.unwrap_or(0))))
             .transpose()
-    };
+    }
     let (metal_picture, rough_picture) = (read(metal)?, read(rough)?);
     let pictures = [&metal_picture, &rough_picture];
     let largest = pictures.into_iter().flatten().max_by_key(|(picture, _)| picture.pixels().len());
     let Some((largest, _)) = largest else { return Ok(None) };
     let (width, height) = (largest.width(), largest.height());
-    let level = |of: &Option<(maquette_value::Image, u8)>, uv: [f64; 2]| match of {
-        Some((picture, channel)) => picture.sample(uv)[usize::from(*channel)].round() as u8,
-        None => 255,
-    };
+    fn level(of: &Option<(maquette_value::Image, u8)>, uv: [f64; 2]) -> u8 {
+        match of {
+            Some((picture, channel)) => picture.sample(uv)[usize::from(*channel)].round() as u8,
+            None => 255,
+        }
+    }
     let pixels = (0..width * height).map(|pixel| {
         let uv = [
             ((pixel % width) as f64 + 0.5) / width as f64,
@@ -277,18 +281,20 @@ fn packed(maps: &std::collections::BTreeMap<MapKind, Map>) -> Result<Option<Map>
 pub(crate) fn has_own_color(mesh: &Mesh, number: u32) -> bool {
     let color = mesh.materials()[number as usize].color();
     let all = mesh.face_materials();
-    let is_of = |face: usize| all.is_none_or(|all| mesh.known_material(all[face]) == number);
+    fn is_of(face: usize, all: &Option<&Column<u32>>, number: u32, mesh: &Mesh) -> bool {
+        all.is_none_or(|all| mesh.known_material(all[face]) == number)
+    }
     let (vertices, corners) = (mesh.vertex().colors("color"), mesh.corner().colors("color"));
-    mesh.faces().iter().enumerate().filter(|(face, _)| is_of(*face)).all(|(face, of)| {
-        match (vertices, corners) {
+    mesh.faces().iter().enumerate().filter(|(face, _)| is_of(*face, &all, number, mesh)).all(
+        |(face, of)| match (vertices, corners) {
             (Some(colors), _) => of.iter().all(|&vertex| colors[vertex as usize] == color),
             (None, Some(colors)) => {
                 let first = mesh.faces().first_corner(face);
                 colors[first..first + of.len()].iter().all(|it| *it == color)
             }
             (None, None) => false,
-        }
-    })
+        },
+    )
 }
 
 /// How the texture coordinates of an attribute were moved on their way from a file, by the materials that use it.
@@ -299,11 +305,14 @@ pub(super) fn transform_of(material: &Material, uv: &str) -> UvTransform {
 
 /// The attributes of texture coordinates: `uv`, then `uv1`, `uv2`, ..
 pub(super) fn coordinate_sets(vertices: &Vertices<'_>) -> Vec<String> {
-    let mut sets = Vec::from_iter(vertices.pairs_names().filter_map(|name| {
-        let number = name.strip_prefix("uv")?;
-        let number = if number.is_empty() { 0 } else { number.parse::<u32>().ok()? };
-        Some((number, name.to_owned()))
-    }));
+    let mut sets: Vec<_> = vertices
+        .pairs_names()
+        .filter_map(|name| {
+            let number = name.strip_prefix("uv")?;
+            let number = if number.is_empty() { 0 } else { number.parse::<u32>().ok()? };
+            Some((number, name.to_owned()))
+        })
+        .collect();
     sets.sort();
     sets.dedup();
     sets.into_iter().map(|(_, name)| name).collect()
@@ -313,7 +322,9 @@ pub(super) fn coordinate_sets(vertices: &Vertices<'_>) -> Vec<String> {
 pub(super) fn rounded(mesh: &Mesh) -> Vec<String> {
     const EXACT: u32 = 1 << 24;
     let all = mesh.vertex().iter().chain(mesh.corner().iter());
-    let is_large = |attribute: &Attribute| matches!(attribute, Attribute::Index(all) if all.iter().any(|&x| x > EXACT));
+    fn is_large(attribute: &Attribute) -> bool {
+        matches!(attribute, Attribute::Index(all) if all.iter().any(|&x| x > EXACT))
+    }
     let names = all.filter(|(_, attribute)| is_large(attribute)).map(|(name, _)| {
         format!("`{name}` has numbers over {EXACT}, which are rounded: glTF has no larger whole numbers on vertices")
     });

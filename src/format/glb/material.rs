@@ -220,7 +220,9 @@ impl<'a> Materials<'a> {
                 );
             }
         }
-        let finite = |number: f64, or: f64| if number.is_finite() { number } else { or };
+        fn finite(number: f64, or: f64) -> f64 {
+            if number.is_finite() { number } else { or }
+        }
         let base_color = factor.unwrap_or([1.0; 4]).map(|channel| finite(channel, 1.0));
         let mut material = Material {
             name: from.name.clone(),

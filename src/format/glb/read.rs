@@ -119,19 +119,21 @@ pub(super) fn with_linked_buffers(bytes: &[u8]) -> Option<(Json, &[u8])> {
 
 /// The two chunks: the text of the document, and the buffer that may be missing.
 fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), GlbReadError> {
-    let wrong = |byte, what| GlbReadError::Container { byte, what };
-    let number = |at: usize| {
+    fn wrong(byte: usize, what: &'static str) -> GlbReadError {
+        GlbReadError::Container { byte, what }
+    }
+    fn number(at: usize, bytes: &[u8]) -> Option<usize> {
         let number = bytes.get(at..).and_then(|rest| rest.first_chunk());
         number.map(|number| u32::from_le_bytes(*number) as usize)
-    };
+    }
     if !bytes.starts_with(b"glTF") {
         return Err(wrong(0, "this is not a GLB file"));
     }
-    if number(4) != Some(2) {
+    if number(4, bytes) != Some(2) {
         return Err(wrong(4, "this is not version 2 of GLB"));
     }
     let chunk = |at: usize, kind: &[u8; 4]| {
-        let length = number(at).filter(|_| bytes.get(at + 4..at + 8) == Some(&kind[..]));
+        let length = number(at, bytes).filter(|_| bytes.get(at + 4..at + 8) == Some(&kind[..]));
         let length =
             length.ok_or(wrong(at, "there is no chunk of the kind that must stand here"))?;
         let end = (at + 8).saturating_add(length);
@@ -179,7 +181,9 @@ mod tests {
 
     /// A quad beside a triangle, with texture coordinates that differ at a vertex.
     fn mesh() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.25)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
         let faces = Faces::triangles(vec![[0, 1, 2], [0, 2, 3], [1, 4, 2]]);
         let uv = (0..9).map(|k| [f64::from(k) / 16.0, 0.25]).collect();
@@ -272,7 +276,9 @@ mod tests {
 
     #[test]
     fn documents_that_lie_are_refused() {
-        let error = |change: fn(&mut Value)| with_document(change).unwrap_err().to_string();
+        fn error(change: fn(&mut Value)) -> String {
+            with_document(change).unwrap_err().to_string()
+        }
         assert_eq!(error(|d| d["nodes"][1]["children"] = json!([0])), "node 0 has two parents");
         assert_eq!(error(|d| d["nodes"][0]["children"] = json!([9])), "node 9 does not exist");
         assert_eq!(error(|d| d["nodes"][1]["mesh"] = json!(1)), "mesh 1 does not exist");
@@ -284,13 +290,13 @@ mod tests {
             error(|d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX)),
             "bufferView 0 is not inside the buffer"
         );
-        let sparse = |index: u32, count: usize| {
+        fn sparse(index: u32, count: usize) -> Value {
             let indices = json!({ "bufferView": 0, "componentType": index });
             json!({ "count": count, "indices": indices, "values": { "bufferView": 0 } })
-        };
-        let with_sparse = |sparse: Value| {
+        }
+        fn with_sparse(sparse: Value) -> String {
             with_document(|d| d["accessors"][0]["sparse"] = sparse).unwrap_err().to_string()
-        };
+        }
         assert_eq!(with_sparse(sparse(1, 1)), "accessor 0 has sparse indices of an unknown type");
         assert_eq!(
             with_sparse(sparse(5121, 999)),

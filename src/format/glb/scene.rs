@@ -110,12 +110,14 @@ impl<'a> Scene<'a> {
         };
         let mut visited = vec![false; nodes.len()];
         let root = Matrix4::new_scaling(MILLIMETERS);
-        let mut open = Vec::from_iter(roots.into_iter().rev().map(|node| (node, root)));
+        let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, root)).collect();
         while let Some((index, parent)) = open.pop() {
-            let wrong = |what| GlbReadError::Part { part: "node", index, what };
-            let node = nodes.get(index).ok_or(wrong("does not exist"))?;
+            fn wrong(what: &'static str, index: usize) -> GlbReadError {
+                GlbReadError::Part { part: "node", index, what }
+            }
+            let node = nodes.get(index).ok_or(wrong("does not exist", index))?;
             if std::mem::replace(&mut visited[index], true) {
-                return Err(wrong("has two parents"));
+                return Err(wrong("has two parents", index));
             }
             let motion = parent * node.motion();
             open.extend(node.children.iter().rev().map(|&child| (child, motion)));
@@ -157,12 +159,15 @@ impl<'a> Scene<'a> {
             let start = self.positions.len();
             let places = self.buffer.rows::<3>(positions)?;
             let count = places.len();
-            let place = |place: [f64; 3]| motion.transform_point(&Point3::from(place));
-            self.positions.extend(places.into_iter().map(place));
+            self.positions.extend(
+                places
+                    .into_iter()
+                    .map(|place: [f64; 3]| motion.transform_point(&Point3::from(place))),
+            );
             let material = self.add_attributes(primitive, count, positions, motion)?;
             let corners = match primitive.indices {
                 Some(indices) => self.buffer.indices(indices, count)?,
-                None => Vec::from_iter(0..count as u32),
+                None => (0..count as u32).collect::<Vec<_>>(),
             };
             let linear = motion.fixed_view::<3, 3>(0, 0).into_owned();
             let mirrored = linear.determinant() < 0.0;
@@ -184,26 +189,37 @@ impl<'a> Scene<'a> {
         positions: usize,
         motion: &Matrix4<f64>,
     ) -> Result<u32, GlbReadError> {
-        let attribute = |name: &str| primitive.attributes.get(name).copied();
-        let check = |found: usize| match found == count {
-            true => Ok(()),
-            false => {
-                let what = "has another number of entries than the positions of its part";
-                Err(GlbReadError::Part { part: "accessor", index: positions, what })
+        fn attribute(name: &str, primitive_attributes: &BTreeMap<String, usize>) -> Option<usize> {
+            primitive_attributes.get(name).copied()
+        }
+        fn check(found: usize, positions: usize, count: usize) -> Result<(), GlbReadError> {
+            match found == count {
+                true => Ok(()),
+                false => {
+                    let what = "has another number of entries than the positions of its part";
+                    Err(GlbReadError::Part { part: "accessor", index: positions, what })
+                }
             }
-        };
+        }
         let start = self.positions.len() - count;
         self.parts += 1;
-        if let Some(accessor) = attribute("NORMAL") {
+        if let Some(accessor) = attribute("NORMAL", &primitive.attributes) {
             let linear: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into_owned();
             // Cofactors turn normals as the motion turns surfaces, even where it flattens them.
             let side = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
             let turn = cofactors(&linear) * side;
             let rows = self.buffer.rows::<3>(accessor)?;
-            check(rows.len())?;
-            let unit = |normal| (turn * Vector3::from(normal)).try_normalize(0.0);
-            let unit = |row| <[f64; 3]>::from(unit(row).unwrap_or_default());
-            self.normals.add(rows.into_iter().map(unit).collect(), start, [0.0; 3]);
+            check(rows.len(), positions, count)?;
+            fn unit(normal: [f64; 3], turn: &Matrix3<f64>) -> Option<Vector3<f64>> {
+                (*turn * Vector3::from(normal)).try_normalize(0.0)
+            }
+            self.normals.add(
+                rows.into_iter()
+                    .map(|row| <[f64; 3]>::from(unit(row, &turn).unwrap_or_default()))
+                    .collect(),
+                start,
+                [0.0; 3],
+            );
         }
         let coordinates = primitive.attributes.iter().filter_map(|(name, accessor)| {
             Some((name.strip_prefix("TEXCOORD_")?.parse::<usize>().ok()?, *accessor))
@@ -214,28 +230,33 @@ impl<'a> Scene<'a> {
         // Those of pictures come first, then those that no picture uses.
         let mut sets = look.sets;
         let others = coordinates.keys().filter(|set| !sets.iter().any(|it| it.0 == **set));
-        let others = Vec::from_iter(others.map(|&set| (set, UvTransform::default())));
+        let others: Vec<_> = others.map(|&set| (set, UvTransform::default())).collect();
         sets.extend(others);
         for (place, (set, transform)) in sets.into_iter().enumerate() {
             let Some(&accessor) = coordinates.get(&set) else { continue };
             let rows = self.buffer.rows::<2>(accessor)?;
-            check(rows.len())?;
+            check(rows.len(), positions, count)?;
             // In glTF (0, 0) is the picture's upper left corner.
-            let at = |uv| {
-                let is_moved = transform != UvTransform::default();
-                let [s, t] = if is_moved { transform.apply(uv) } else { uv };
-                [s, 1.0 - t]
-            };
             if self.sets.len() <= place {
                 self.sets.resize_with(place + 1, Rows::default);
             }
-            self.sets[place].add(rows.into_iter().map(at).collect(), start, [0.0; 2]);
+            self.sets[place].add(
+                rows.into_iter()
+                    .map(|uv| {
+                        let is_moved = transform != UvTransform::default();
+                        let [s, t] = if is_moved { transform.apply(uv) } else { uv };
+                        [s, 1.0 - t]
+                    })
+                    .collect(),
+                start,
+                [0.0; 2],
+            );
         }
         let by = look.factor;
         let color = |[r, g, b]: [f64; 3]| [r * by[0], g * by[1], b * by[2]].map(srgb_from_linear);
-        if let Some(accessor) = attribute("COLOR_0") {
+        if let Some(accessor) = attribute("COLOR_0", &primitive.attributes) {
             let rows = self.buffer.rows::<3>(accessor)?;
-            check(rows.len())?;
+            check(rows.len(), positions, count)?;
             self.colors.add(rows.into_iter().map(color).collect(), start, [255; 3]);
             let material = &mut self.materials.all[look.material as usize];
             material.has_vertex_colors = material.picture.is_some();
@@ -265,7 +286,7 @@ impl<'a> Scene<'a> {
                 OwnKind::Pair => self.first_components::<2>(accessor)?,
                 OwnKind::Vector | OwnKind::Color => self.first_components::<3>(accessor)?,
             };
-            check(rows.len())?;
+            check(rows.len(), positions, count)?;
             let (known, all) = self.own.entry(name.clone()).or_insert((kind, Rows::default()));
             match *known == kind {
                 true => all.add(rows, start, [0.0; 3]),
@@ -292,8 +313,12 @@ impl<'a> Scene<'a> {
         &mut self,
         accessor: usize,
     ) -> Result<Vec<[f64; 3]>, GlbReadError> {
-        let widened = |row: [f64; N]| std::array::from_fn(|k| row.get(k).copied().unwrap_or(0.0));
-        Ok(self.buffer.rows::<N>(accessor)?.into_iter().map(widened).collect())
+        Ok(self
+            .buffer
+            .rows::<N>(accessor)?
+            .into_iter()
+            .map(|row: [f64; N]| std::array::from_fn(|k| row.get(k).copied().unwrap_or(0.0)))
+            .collect())
     }
 
     /// The mesh, and what the user should know.
@@ -366,11 +391,13 @@ impl<'a> Scene<'a> {
                 (positions, Some(vertices))
             }
         };
-        let vertex = |index: u32| vertices.as_ref().map_or(index, |all| all[index as usize]);
         let mut list = FaceList::with_capacity(self.triangles.len());
         let mut of_faces = Vec::with_capacity(self.triangles.len());
         for (triangle, material) in self.triangles.iter().zip(self.of_triangles) {
-            let count = list.push(&triangle.map(vertex));
+            let count = list.push(
+                &triangle
+                    .map(|index: u32| vertices.as_ref().map_or(index, |all| all[index as usize])),
+            );
             of_faces.resize(of_faces.len() + count, material);
         }
         self.notes.extend(list.notes());
@@ -397,8 +424,15 @@ impl<'a> Scene<'a> {
                 || mesh.vertex().get(plain).is_some()
                 || mesh.corner().get(plain).is_some();
             let name = if is_taken { &name } else { plain };
-            let attribute = |rows: Column<[f64; 3]>| kind.attribute(&rows);
-            mesh = carry(mesh, name, own.rows, &origins, corners, [0.0; 3], attribute)?;
+            mesh = carry(
+                mesh,
+                name,
+                own.rows,
+                &origins,
+                corners,
+                [0.0; 3],
+                |rows: Column<[f64; 3]>| kind.attribute(&rows),
+            )?;
         }
         let materials = useful(self.materials.all);
         if materials.len() > 1 {
@@ -410,13 +444,16 @@ impl<'a> Scene<'a> {
 
 impl OwnKind {
     fn attribute(self, rows: &[[f64; 3]]) -> Attribute {
-        let bytes = |row: &[f64; 3]| row.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8);
         match self {
             Self::Number => Attribute::Number(rows.iter().map(|row| row[0]).collect()),
             Self::Index => Attribute::Index(rows.iter().map(|row| row[0] as u32).collect()),
             Self::Pair => Attribute::Pair(rows.iter().map(|row| [row[0], row[1]]).collect()),
             Self::Vector => Attribute::Vector(rows.iter().copied().collect()),
-            Self::Color => Attribute::Color(rows.iter().map(bytes).collect()),
+            Self::Color => Attribute::Color(
+                rows.iter()
+                    .map(|row| row.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8))
+                    .collect(),
+            ),
         }
     }
 }
@@ -434,8 +471,7 @@ fn carry<T: Copy + PartialEq>(
     if corners.is_empty() {
         return mesh.with_vertex(name, attribute(data.into()));
     }
-    let corner = |&origin: &usize| data[corners[origin] as usize];
-    let of_corners = Vec::from_iter(origins.iter().map(corner));
+    let of_corners: Vec<_> = origins.iter().map(|&origin| data[corners[origin] as usize]).collect();
     with_corners(mesh, name, of_corners, none, attribute)
 }
 
@@ -496,9 +532,11 @@ mod tests {
     #[test]
     fn strips_and_fans_are_triangles() {
         let corners = [0, 1, 2, 3];
-        let of = |mode| triangles(mode, &corners).collect::<Vec<_>>();
-        assert_eq!(of(STRIP), [[0, 1, 2], [2, 1, 3]]);
-        assert_eq!(of(FAN), [[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(of(POINTS), [[0; 3]; 0]);
+        fn of(mode: u32, corners: &[u32]) -> Vec<[u32; 3]> {
+            triangles(mode, corners).collect()
+        }
+        assert_eq!(of(STRIP, &corners), [[0, 1, 2], [2, 1, 3]]);
+        assert_eq!(of(FAN, &corners), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(of(POINTS, &corners), [[0; 3]; 0]);
     }
 }

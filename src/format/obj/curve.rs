@@ -61,15 +61,18 @@ impl Reader {
             }
             Some(b"deg") => {
                 let word = words.next().unwrap_or_default();
-                let wrong = || ObjError::Number { line, text: excerpt(word) };
-                self.degree = Some(parse(word).ok_or_else(wrong)?);
+                self.degree = Some(
+                    parse(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
+                );
             }
             Some(b"curv") => self.read_spline(words, line)?,
             Some(b"parm") => {
                 if let (Some(b"u"), Some(spline)) = (words.next(), &mut self.spline) {
                     for word in words {
-                        let wrong = || ObjError::Number { line, text: excerpt(word) };
-                        spline.knots.push(parse(word).ok_or_else(wrong)?);
+                        spline.knots.push(
+                            parse(word)
+                                .ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
+                        );
                     }
                 }
             }
@@ -81,8 +84,12 @@ impl Reader {
     /// The number of a vertex, from 0; what stands behind a `/` does not count.
     fn vertex(&self, word: &[u8], line: usize) -> Result<u32, ObjError> {
         let number = word.split(|&byte| byte == b'/').next().unwrap_or_default();
-        let wrong = || ObjError::Number { line, text: excerpt(word) };
-        let index = resolve(parse(number).ok_or_else(wrong)?, "v", self.vertices.len(), line)?;
+        let index = resolve(
+            parse(number).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
+            "v",
+            self.vertices.len(),
+            line,
+        )?;
         Ok(index as u32)
     }
 
@@ -137,9 +144,11 @@ impl Spline {
             return Err(ObjError::FreeForm { line: self.line, what });
         }
         let vertices = self.control.iter().map(|&vertex| vertices[vertex as usize]);
-        let weight = |weight| if self.rational { weight } else { 1.0 };
+        fn weight(weight: f64, rational: bool) -> f64 {
+            if rational { weight } else { 1.0 }
+        }
         let (points, weights): (Vec<_>, Vec<_>) =
-            vertices.map(|(point, w)| (point, weight(w))).unzip();
+            vertices.map(|(point, w)| (point, weight(w, self.rational))).unzip();
         Ok(Curve::rational(points, weights, knots)?)
     }
 }
@@ -152,7 +161,7 @@ fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError>
     if closed {
         chain.pop();
     }
-    let points = Vec::from_iter(chain.iter().map(|&vertex| vertices[vertex as usize].0));
+    let points: Vec<_> = chain.iter().map(|&vertex| vertices[vertex as usize].0).collect();
     Ok(Curve::polyline(points, closed)?)
 }
 
@@ -178,14 +187,19 @@ mod tests {
     #[test]
     fn lines_that_go_on_are_one() {
         let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
-        let read = |lines: &str| read_curve(format!("{vertices}{lines}").as_bytes());
-        let open = read("l 1 2\nl 2 3/7\n").unwrap();
+        fn read(lines: &str, vertices: &str) -> Result<Curve, ObjError> {
+            read_curve(format!("{vertices}{lines}").as_bytes())
+        }
+        let open = read("l 1 2\nl 2 3/7\n", vertices).unwrap();
         assert_eq!((open.points().len(), open.is_closed()), (3, false));
-        assert!(read("l 1 2\nl 2 3\nl -1 -3").unwrap().is_closed());
-        assert_eq!(read("l 1 2\nl 3 1\n"), Err(ObjError::SecondCurve { line: 5 }));
-        assert_eq!(read("f 1 2 3\n"), Err(ObjError::NoCurve));
-        assert_eq!(read("l 1 1\n"), Err(CurveError::TooFew { count: 1, least: 2 }.into()));
-        let text = read("l 1 4\n").unwrap_err().to_string();
+        assert!(read("l 1 2\nl 2 3\nl -1 -3", vertices).unwrap().is_closed());
+        assert_eq!(read("l 1 2\nl 3 1\n", vertices), Err(ObjError::SecondCurve { line: 5 }));
+        assert_eq!(read("f 1 2 3\n", vertices), Err(ObjError::NoCurve));
+        assert_eq!(
+            read("l 1 1\n", vertices),
+            Err(CurveError::TooFew { count: 1, least: 2 }.into())
+        );
+        let text = read("l 1 4\n", vertices).unwrap_err().to_string();
         assert_eq!(text, "line 4: there is no v 4 among the 3 so far");
     }
 
@@ -200,10 +214,10 @@ mod tests {
 
     #[test]
     fn free_form_curves_that_are_not_read_are_refused_with_their_line() {
-        let error = |from: &str, to: &str| {
+        fn error(from: &str, to: &str) -> String {
             assert!(SPLINE.contains(from));
             read_curve(SPLINE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
-        };
+        }
         assert_eq!(error("bspline", "bezier"), "line 7: only curves of `cstype bspline` are read");
         assert_eq!(
             error("deg 2\n", ""),

@@ -112,10 +112,12 @@ mod tests {
 
     #[test]
     fn a_curve_that_was_written_reads_the_same() {
-        let points = Vec::from_iter((0..50).map(|k| {
-            let t = 0.1 * f64::from(k);
-            Point3::new(libm::cos(t), libm::sin(t), t / 3.0)
-        }));
+        let points: Vec<_> = (0..50)
+            .map(|k| {
+                let t = 0.1 * f64::from(k);
+                Point3::new(libm::cos(t), libm::sin(t), t / 3.0)
+            })
+            .collect();
         let weights = (1..=50).map(|k| 1.0 / f64::from(k)).collect();
         let knots = KnotVector::uniform(50, 4).unwrap();
         let spline = Curve::rational(points.clone(), weights, knots).unwrap();
@@ -128,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_surface_lists_its_control_points_with_u_running_fastest() {
-        let points = Vec::from_iter((0..6).map(|k| Point3::new(f64::from(k), 0.5, 0.1)));
+        let points: Vec<_> = (0..6).map(|k| Point3::new(f64::from(k), 0.5, 0.1)).collect();
         let net = ControlNet::new(2, 3, points).unwrap();
         let net = net.with_weights(vec![1., 0.5, 1., 1., 0.5, 1.]).unwrap();
         let u = KnotVector::uniform(2, 2).unwrap();

@@ -54,9 +54,9 @@ impl Looks {
         for (keyword, words) in material.others.iter().filter(|(name, _)| !is_extension(name)) {
             line(keyword, words);
         }
-        let numbers = |numbers: &[f64]| {
-            Vec::from_iter(numbers.iter().map(|number| number.to_string())).join(" ")
-        };
+        fn numbers(numbers: &[f64]) -> String {
+            numbers.iter().map(|number| number.to_string()).collect::<Vec<_>>().join(" ")
+        }
         let [red, green, blue, opacity] = material.base_color;
         // Most programs show a picture without the color beside it, so that the picture is written as it is seen.
         let is_multiplied = material.picture.is_some() && [red, green, blue] != [1.0; 3];
@@ -120,7 +120,7 @@ impl Files<'_> {
         if let Some((_, name)) = known {
             return name.clone();
         }
-        let names = Vec::from_iter(self.written.iter().map(|(_, name)| name.clone()));
+        let names: Vec<_> = self.written.iter().map(|(_, name)| name.clone()).collect();
         if self.has_one && pictures.is_empty() {
             let name = format!("{}.{}", self.stem, extension(map));
             return self.write(name, map, pictures);
@@ -152,10 +152,12 @@ fn extension(map: &Map) -> &'static str {
 
 /// A name of one word that no other one is.
 fn unique(name: &str, instead: &str, others: &[String]) -> String {
-    let is_special = |letter: char| {
-        letter.is_whitespace() || letter.is_control() || "#%?/\\:*<>|\"".contains(letter)
-    };
-    let name = name.trim().replace(is_special, "_");
+    let name = name.trim().replace(
+        |letter: char| {
+            letter.is_whitespace() || letter.is_control() || "#%?/\\:*<>|\"".contains(letter)
+        },
+        "_",
+    );
     let name = name.trim_start_matches(['.', '-']);
     let name = if name.is_empty() { instead } else { name };
     let numbered = (2..).map(|count| format!("{name}_{count}"));
@@ -182,11 +184,12 @@ fn with_options(map: &Map, file: &str) -> String {
 /// Whether the colors of vertices are seen on some face: where there is no picture, and the material says another color.
 pub(super) fn shows_colors(mesh: &Mesh) -> bool {
     let materials = mesh.materials();
-    let shows = |number: usize| {
+    fn shows(number: usize, materials: &std::sync::Arc<[Material]>, mesh: &Mesh) -> bool {
         let material = &materials[number];
         material.picture.is_none() && (material.is_plain() || !has_own_color(mesh, number as u32))
-    };
-    materials.is_empty() || used(mesh).into_iter().any(|number| shows(number as usize))
+    }
+    materials.is_empty()
+        || used(mesh).into_iter().any(|number| shows(number as usize, materials, mesh))
 }
 
 /// The numbers of the materials that faces have.
@@ -213,8 +216,7 @@ pub(super) fn without_unused(mesh: Mesh) -> Mesh {
 /// Warnings about what of materials MTL cannot say.
 pub(super) fn doubts(mesh: &Mesh) -> Vec<String> {
     let materials = || mesh.materials().iter();
-    let is_elsewhere = |map: &Map| map.uv != "uv";
-    let elsewhere = materials().any(|material| material.maps.values().any(is_elsewhere));
+    let elsewhere = materials().any(|material| material.maps.values().any(|map| map.uv != "uv"));
     let is_mixed = materials().any(|material| material.has_vertex_colors);
     let cutoff = materials().any(|it| matches!(it.transparency, Transparency::Cutoff(_)));
     [

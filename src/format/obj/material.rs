@@ -95,7 +95,7 @@ pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: F
         let (material, layouts) = match place {
             Some(&place) => files.material(&all[place]),
             None => {
-                let all = Vec::from_iter(libraries.iter().map(|library| format!("`{library}`")));
+                let all: Vec<_> = libraries.iter().map(|library| format!("`{library}`")).collect();
                 files.doubts.push(format!("there is no material `{name}` in {}", all.join(", ")));
                 (Material::default(), Vec::new())
             }
@@ -146,7 +146,7 @@ impl Files<'_> {
         let mut color = None;
         for (keyword, rest) in &from.statements {
             let numbers = rest.split_whitespace().map_while(|word| word.parse::<f64>().ok());
-            let numbers = Vec::from_iter(numbers.filter(|number| number.is_finite()));
+            let numbers: Vec<_> = numbers.filter(|number| number.is_finite()).collect();
             let own = keyword.to_ascii_lowercase();
             match (&own[..], &numbers[..]) {
                 // A gray has one number.
@@ -165,10 +165,12 @@ impl Files<'_> {
                 _ => drop(material.others.insert(keyword.clone(), rest.clone())),
             }
         }
-        let has = |wanted: &str| {
-            from.statements.iter().any(|(keyword, _)| keyword.eq_ignore_ascii_case(wanted))
-        };
-        if let Some(shine) = shine.filter(|_| !has("pr") && !has("map_pr")) {
+        fn has(wanted: &str, from_statements: &[(String, String)]) -> bool {
+            from_statements.iter().any(|(keyword, _)| keyword.eq_ignore_ascii_case(wanted))
+        }
+        if let Some(shine) =
+            shine.filter(|_| !has("pr", &from.statements) && !has("map_pr", &from.statements))
+        {
             // As Blender has it.
             material.roughness = 1.0 - (shine.clamp(0.0, 1000.0) / 1000.0).sqrt();
         }
@@ -246,9 +248,18 @@ impl Files<'_> {
             map.wrap = [Wrap::Clamp; 2];
         }
         for (kind, channel) in kinds {
-            let is_known = |kind| material.maps.get(&kind).is_some_and(|it| it.bytes == map.bytes);
+            fn is_known(
+                kind: MapKind,
+                map_bytes: &maquette_value::Column<u8>,
+                material_maps: &BTreeMap<MapKind, Map>,
+            ) -> bool {
+                material_maps.get(&kind).is_some_and(|it| it.bytes == *map_bytes)
+            }
             let kind = match kind {
-                MapKind::Other(keyword) if is_bump(&keyword) && is_known(MapKind::Normal) => {
+                MapKind::Other(keyword)
+                    if is_bump(&keyword)
+                        && is_known(MapKind::Normal, &map.bytes, &material.maps) =>
+                {
                     continue;
                 }
                 MapKind::Other(keyword) if is_bump(&keyword) && is_of_normals(&bytes) => {
@@ -256,7 +267,7 @@ impl Files<'_> {
                 }
                 // The same picture has the opacity of the color.
                 MapKind::Other(keyword) if keyword.eq_ignore_ascii_case("map_d") => {
-                    let is_same = is_known(MapKind::BaseColor);
+                    let is_same = is_known(MapKind::BaseColor, &map.bytes, &material.maps);
                     material.transparency = Transparency::Blend;
                     if is_same {
                         continue;
@@ -274,10 +285,10 @@ impl Files<'_> {
 /// Whether the colors of a picture are those of normals, which point away from the surface: blue.
 fn is_of_normals(bytes: &[u8]) -> bool {
     let Ok(picture) = picture_file::read(bytes) else { return false };
-    let mean = |picture: &Image, channel: usize| {
+    fn mean(picture: &Image, channel: usize) -> f64 {
         let sum: f64 = picture.pixels().iter().map(|pixel| f64::from(pixel[channel])).sum();
         sum / picture.pixels().len().max(1) as f64
-    };
+    }
     let [red, green, blue] = [0, 1, 2].map(|channel| mean(&picture, channel));
     blue > 180.0 && (red - 127.5).abs() < 40.0 && (green - 127.5).abs() < 40.0
 }
@@ -308,7 +319,7 @@ mod tests {
             Ok(if bytes.is_empty() { &picture[..] } else { bytes }.into())
         });
         let maps = found.materials.iter().filter_map(|it| it.maps.get(&MapKind::BaseColor));
-        let names = Vec::from_iter(maps.map(|map| map.file.clone())).join(", ");
+        let names = maps.map(|map| map.file.clone()).collect::<Vec<_>>().join(", ");
         (Some(names).filter(|names| !names.is_empty()), found.doubts, asked)
     }
 
@@ -324,11 +335,11 @@ mod tests {
 
     #[test]
     fn names_are_understood_however_they_are_written() {
-        let mesh = |library: &str, material: &str| {
+        fn mesh(library: &str, material: &str) -> String {
             format!(
                 "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl {material}\nf 1/1 2/1 3/1\n"
             )
-        };
+        }
         let skin = "newmtl skin\nmap_Kd scan#3.png\n";
         for (library, material, files) in [
             ("my größe #1.mtl", "skin", [("my größe #1.mtl", skin), ("scan#3.png", "")]),
@@ -349,13 +360,15 @@ mod tests {
 
     #[test]
     fn options_say_how_a_picture_lies() {
-        let told = |rest: &str| {
+        fn told(rest: &str) -> (String, [f64; 2], [f64; 2], Vec<String>) {
             let (name, Options { layout, lost, .. }) = options(rest);
             (name.to_owned(), layout.scale, layout.offset, lost)
-        };
+        }
         let (_, bump) = options("-bm 0.5 -clamp on -imfchan g a.png");
         assert_eq!((bump.strength, bump.is_clamped, bump.channel), (0.5, true, Some(1)));
-        let plain = |name: &str| (name.to_owned(), [1.0; 2], [0.0; 2], Vec::<String>::new());
+        fn plain(name: &str) -> (String, [f64; 2], [f64; 2], Vec<String>) {
+            (name.to_owned(), [1.0; 2], [0.0; 2], Vec::<String>::new())
+        }
         assert_eq!(told("-clamp on my skin.png"), plain("my skin.png"));
         assert_eq!(
             told("-o 0.5 0 0 -s -15 -15 -3.7 a.png"),

@@ -72,7 +72,7 @@ pub(super) fn find_first(
     find: Find<'_>,
 ) -> Result<(String, Arc<[u8]>), String> {
     let names = names.map(|name| name.to_string_lossy().replace('\\', "/"));
-    let found = Vec::from_iter(names.map(|name| find(&name).map(|bytes| (name, bytes))));
+    let found: Vec<_> = names.map(|name| find(&name).map(|bytes| (name, bytes))).collect();
     let mut whys = Vec::new();
     for found in found {
         match found {
@@ -89,10 +89,13 @@ pub(super) type Named = (String, Arc<[u8]>);
 /// The files of materials that a line `mtllib` names: one, whose name may have blanks, or several.
 pub(super) fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, String> {
     let one = find_first(spellings(text).map(PathBuf::from), find);
-    let is_end = |(at, _): &(usize, &str)| {
-        text[..*at].to_ascii_lowercase().ends_with(".mtl") && text[*at..].starts_with(' ')
-    };
-    let ends = Vec::from_iter(text.match_indices(' ').filter(is_end).map(|(at, _)| at));
+    let ends: Vec<_> = text
+        .match_indices(' ')
+        .filter(|(at, _)| {
+            text[..*at].to_ascii_lowercase().ends_with(".mtl") && text[*at..].starts_with(' ')
+        })
+        .map(|(at, _)| at)
+        .collect();
     if ends.is_empty() {
         return one.map(|file| vec![file]);
     }
@@ -205,13 +208,15 @@ pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
 /// or `off` behind that. How the picture lies, and options that would change it and are not known.
 pub(super) fn options(mut rest: &str) -> (&str, Options) {
     let mut found = Options::default();
-    let is_value = |word: &str| word.parse::<f64>().is_ok() || matches!(word, "on" | "off");
-    let cut = |rest: &str| {
+    fn is_value(word: &str) -> bool {
+        word.parse::<f64>().is_ok() || matches!(word, "on" | "off")
+    }
+    fn cut(rest: &str) -> Option<(String, usize)> {
         rest.split_once(char::is_whitespace).map(|(word, rest)| (word.to_owned(), rest.len()))
-    };
-    let set = |to: &mut [f64; 2], numbers: &mut dyn Iterator<Item = f64>| {
+    }
+    fn set(to: &mut [f64; 2], numbers: &mut dyn Iterator<Item = f64>) {
         to.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
-    };
+    }
     while rest.starts_with('-') {
         let Some((option, left)) = cut(rest) else { break };
         let mut behind = rest[rest.len() - left..].trim_start();
@@ -226,7 +231,7 @@ pub(super) fn options(mut rest: &str) -> (&str, Options) {
             break;
         }
         rest = behind;
-        let numbers = Vec::from_iter(values.iter().filter_map(|word| word.parse::<f64>().ok()));
+        let numbers: Vec<_> = values.iter().filter_map(|word| word.parse::<f64>().ok()).collect();
         let mut numbers = numbers.into_iter().filter(|number| number.is_finite()).take(2);
         match &*option {
             "-s" => set(&mut found.layout.scale, &mut numbers),
@@ -244,12 +249,12 @@ pub(super) fn options(mut rest: &str) -> (&str, Options) {
 
 /// Calls `each` with the first word of every line, and with what follows it: names may have blanks.
 fn each_rest(bytes: &[u8], mut each: impl FnMut(&[u8], &str)) {
-    let read = |text: &[u8], _| {
+    for_lines(bytes, |text, _| {
         let text = text.trim_ascii();
         if let Some(keyword) = words(text).next().filter(|keyword| !keyword.starts_with(b"#")) {
             each(keyword, String::from_utf8_lossy(&text[keyword.len()..]).trim());
         }
         Ok(())
-    };
-    for_lines(bytes, read).expect("no line is an error");
+    })
+    .expect("no line is an error");
 }

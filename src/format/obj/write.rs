@@ -76,8 +76,7 @@ impl FileFormat for MeshObj {
 /// and viewers in browsers take the names for parts of addresses.
 fn companion_stem(name: &str) -> String {
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
-    let is_special = |letter: char| letter.is_whitespace() || "#%?".contains(letter);
-    stem.replace(is_special, "_")
+    stem.replace(|letter: char| letter.is_whitespace() || "#%?".contains(letter), "_")
 }
 
 /// What the corners of a face refer to, beside the vertex: one number per corner, from 0.
@@ -108,7 +107,9 @@ impl Reference {
 fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> {
     let colors = mesh.vertex().colors("color").filter(|_| looks::shows_colors(mesh));
     let numbers = mesh.face_materials().filter(|_| materials.len() > 1);
-    let material = |face: usize| numbers.map(|all| mesh.known_material(all[face]));
+    fn material(face: usize, numbers: &Option<&Column<u32>>, mesh: &Mesh) -> Option<u32> {
+        numbers.map(|all| mesh.known_material(all[face]))
+    }
     let mut text = vec![start.into_bytes()];
     text.extend(lines(mesh.positions().len(), |text, index| {
         push_floats(text, "v", mesh.positions()[index].coords.as_slice());
@@ -125,8 +126,8 @@ fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> 
     text.extend(lines(uv.0.len(), |text, index| push_floats(text, "vt", &uv.0[index])));
     text.extend(lines(normals.0.len(), |text, index| push_floats(text, "vn", &normals.0[index])));
     text.extend(lines(mesh.faces().len(), |text, face| {
-        if let Some(number) = material(face)
-            && (face == 0 || material(face - 1) != Some(number))
+        if let Some(number) = material(face, &numbers, mesh)
+            && (face == 0 || material(face - 1, &numbers, mesh) != Some(number))
         {
             text.extend_from_slice(format!("usemtl {}\n", materials[number as usize]).as_bytes());
         }
@@ -168,25 +169,30 @@ fn per_vertex_or_corner<'a, T: Copy + PartialEq>(
 /// `count` lines with their ends, in pieces that are made in parallel.
 fn lines(count: usize, line: impl Fn(&mut Vec<u8>, usize) + Sync) -> Vec<Vec<u8>> {
     const PIECE: usize = 2048;
-    let piece = |piece: usize| {
-        // Room for a long line, so that a piece is seldom moved.
-        let mut text = Vec::with_capacity(48 * PIECE);
-        for index in piece * PIECE..count.min((piece + 1) * PIECE) {
-            line(&mut text, index);
-            text.push(b'\n');
-        }
-        text
-    };
-    (0..count.div_ceil(PIECE)).into_par_iter().map(piece).collect()
+    (0..count.div_ceil(PIECE))
+        .into_par_iter()
+        .map(|piece: usize| {
+            // Room for a long line, so that a piece is seldom moved.
+            let mut text = Vec::with_capacity(48 * PIECE);
+            for index in piece * PIECE..count.min((piece + 1) * PIECE) {
+                line(&mut text, index);
+                text.push(b'\n');
+            }
+            text
+        })
+        .collect()
 }
 
 /// The pieces one after the other.
 fn joined(pieces: Vec<Vec<u8>>) -> Content<'static> {
     let mut len = 0;
-    let starts = Vec::from_iter(pieces.iter().map(|piece| {
-        len += piece.len();
-        len - piece.len()
-    }));
+    let starts: Vec<_> = pieces
+        .iter()
+        .map(|piece| {
+            len += piece.len();
+            len - piece.len()
+        })
+        .collect();
     Content::pieces(len, move |mut place, mut bytes| {
         let first = starts.partition_point(|&start| start <= place) - 1;
         for (piece, start) in pieces[first..].iter().zip(&starts[first..]) {
@@ -237,11 +243,12 @@ fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
     };
     for set in 0..sets {
         let name = if set == 0 { "uv".to_owned() } else { format!("uv{set}") };
-        let layout = |material: usize| {
+        fn layout(material: usize, set: usize, layouts: &[Vec<Layout>]) -> Layout {
             layouts.get(material).and_then(|all| all.get(set)).copied().unwrap_or_default()
-        };
-        let first = layout(0);
-        let is_one = numbers.is_none() || (1..=layouts.len()).all(|number| layout(number) == first);
+        }
+        let first = layout(0, set, layouts);
+        let is_one = numbers.is_none()
+            || (1..=layouts.len()).all(|number| layout(number, set, layouts) == first);
         if is_one && set == 0 && first == Layout::default() {
             continue;
         }
@@ -254,7 +261,7 @@ fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
             _ => {
                 let mut moved = Vec::with_capacity(mesh.faces().corners().len());
                 for (face, corners) in plain.faces().iter().enumerate() {
-                    let layout = layout(numbers.map_or(0, |all| all[face] as usize));
+                    let layout = layout(numbers.map_or(0, |all| all[face] as usize), set, layouts);
                     for &of in corners {
                         let uv = match (vertex, corner) {
                             (Some(uv), _) => uv[of as usize],
@@ -309,7 +316,9 @@ mod tests {
     use crate::obj::read;
 
     fn mesh() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, -0.125);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, -0.125)
+        }
         let positions = vec![at(0., 0.), at(0.5, 0.), at(1., 1.), at(0., 1e9), at(2.5, 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
@@ -321,7 +330,9 @@ mod tests {
 
     #[test]
     fn a_mesh_that_was_written_reads_the_same() {
-        let uv = |count| Attribute::Pair((0..count).map(|i| [f64::from(i), 0.5]).collect());
+        fn uv(count: i32) -> Attribute {
+            Attribute::Pair((0..count).map(|i| [f64::from(i), 0.5]).collect())
+        }
         let normals =
             |count| Attribute::Vector((0..count).map(|i| [f64::from(i), 0., 1.]).collect());
         let colors = (0..5).map(|i| [i * 60, 255, 1 + i]).collect();
@@ -351,7 +362,7 @@ mod tests {
         let image = Image::new(1, 1, vec![[1, 2, 3]]).unwrap();
         let mesh = mesh().with_texture(Some(image.clone()));
         let files = written(&mesh);
-        let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+        let names: Vec<_> = files.iter().map(|file| &*file.name).collect();
         assert_eq!(names, ["my.model.obj", "my.model.mtl", "my.model.png"]);
         assert!(files[0].bytes.starts_with(b"mtllib my.model.mtl\nusemtl material\nv "));
         assert!(files[1].bytes.ends_with(b"map_Kd my.model.png\n"));
@@ -367,7 +378,7 @@ mod tests {
             ("a-b_(c).obj", "a-b_(c)"),
         ] {
             let files = MeshObj::write(&mesh, name).unwrap();
-            let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+            let names: Vec<_> = files.iter().map(|file| &*file.name).collect();
             assert_eq!(names, [name, &format!("{stem}.mtl"), &format!("{stem}.png")]);
             let [obj, mtl] = [0, 1].map(|k| String::from_utf8_lossy(&files[k].bytes).into_owned());
             assert!(obj.starts_with(&format!("mtllib {stem}.mtl\n")));
@@ -377,7 +388,7 @@ mod tests {
 
     #[test]
     fn many_vertices_keep_their_order() {
-        let positions = Vec::from_iter((0..10_000).map(|i| Point3::new(f64::from(i), 0., 0.)));
+        let positions: Vec<_> = (0..10_000).map(|i| Point3::new(f64::from(i), 0., 0.)).collect();
         let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 9999]])).unwrap();
         assert_eq!(read(&written(&mesh)[0].bytes).unwrap(), mesh);
     }

@@ -77,11 +77,12 @@ impl Field {
     fn each(&self, name: &str) -> Vec<(String, Self)> {
         let bytes = size(self.scalar);
         let count = self.bytes / bytes;
-        let one = |k: usize| {
-            let name = if count == 1 { name.to_owned() } else { format!("{name}_{k}") };
-            (name, Self { offset: self.offset + k * bytes, index: self.index + k, ..*self })
-        };
-        (0..count.min(MOST_OTHERS)).map(one).collect()
+        (0..count.min(MOST_OTHERS))
+            .map(|k: usize| {
+                let name = if count == 1 { name.to_owned() } else { format!("{name}_{k}") };
+                (name, Self { offset: self.offset + k * bytes, index: self.index + k, ..*self })
+            })
+            .collect()
     }
 }
 
@@ -229,7 +230,7 @@ fn layout(
     let place = [place("x")?, place("y")?, place("z")?];
     let read =
         place.iter().chain(normal.iter().flatten()).chain(&color).chain(channels.iter().flatten());
-    let read = Vec::from_iter(read.map(|field| field.index));
+    let read: Vec<_> = read.map(|field| field.index).collect();
     let others = names
         .iter()
         .zip(&fields)

@@ -23,8 +23,10 @@ pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>, Broken> 
     let mut next = 0;
     while let Some(&control) = packed.get(next) {
         let byte = next;
-        let broken = |what| Broken { byte, what };
-        let cut_off = || broken("the compressed data are cut off");
+        fn broken(what: &'static str, byte: usize) -> Broken {
+            Broken { byte, what }
+        }
+        let cut_off = || broken("the compressed data are cut off", byte);
         let read = |at: usize| packed.get(at).map(|&byte| usize::from(byte)).ok_or_else(cut_off);
         next += 1;
         if control < 32 {
@@ -40,11 +42,11 @@ pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>, Broken> 
             let distance = (usize::from(control & 31) << 8 | read(next)?) + 1;
             next += 1;
             let start = unpacked.len().checked_sub(distance);
-            let start = start.ok_or_else(|| broken("a copy from before the beginning"))?;
+            let start = start.ok_or_else(|| broken("a copy from before the beginning", byte))?;
             repeat(&mut unpacked, start, length + 2);
         }
         if unpacked.len() > expected {
-            return Err(broken("more data than promised"));
+            return Err(broken("more data than promised", byte));
         }
     }
     if unpacked.len() < expected {
@@ -77,7 +79,9 @@ mod tests {
 
     #[test]
     fn broken_streams_are_refused() {
-        let what = |packed: &[u8], expected| unpack(packed, expected).unwrap_err().what;
+        fn what(packed: &[u8], expected: usize) -> &str {
+            unpack(packed, expected).unwrap_err().what
+        }
         assert_eq!(what(&[5, b'a'], 6), "the compressed data are cut off");
         assert_eq!(what(&[7 << 5], 9), "the compressed data are cut off");
         assert_eq!(what(&[0, b'a', 1 << 5, 1], 4), "a copy from before the beginning");

@@ -77,13 +77,17 @@ impl<'a> Body<'a> {
             && self.encoding == Encoding::LittleEndian;
         let size = element.count.checked_mul(TRIANGLE).filter(|_| known)?;
         let rows = self.bytes.get(self.next..)?.get(..size)?;
-        let corner = |row: &[u8], k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| row[k + b]));
-        let triangle = |row: &[u8]| match row[0] {
-            3 => [1, 5, 9].map(|k| corner(row, k)),
-            _ => [0; 3],
-        };
+        fn corner(row: &[u8], k: usize) -> u32 {
+            u32::from_le_bytes([0, 1, 2, 3].map(|b| row[k + b]))
+        }
         let rows = rows.par_chunks_exact(TRIANGLE).with_min_len(BLOCK);
-        let triangles = Faces::triangles(rows.map(triangle).collect());
+        let triangles = Faces::triangles(
+            rows.map(|row| match row[0] {
+                3 => [1, 5, 9].map(|k| corner(row, k)),
+                _ => [0; 3],
+            })
+            .collect(),
+        );
         let is_sound = triangles.needed().is_some_and(|needed| needed <= 1 << 31);
         is_sound.then(|| {
             self.next += size;
@@ -207,14 +211,19 @@ impl Rows<'_> {
         // Knowing the type before the loop makes the loop several times faster.
         if is(Scalar::F32) && !self.big_endian {
             let offsets = columns.each_ref().map(|column| column.offset);
-            let number = |row: &[u8], at: usize| f32::from_le_bytes(bytes(&row[at..]));
+            fn number(row: &[u8], at: usize) -> f32 {
+                f32::from_le_bytes(bytes(&row[at..]))
+            }
             rows.map(|row| make(offsets.map(|at| number(row, at).into()))).collect()
         } else {
-            let number = |row: &[u8], column: &Column| {
+            fn number(row: &[u8], column: &Column, big_endian: bool) -> f64 {
                 let row = &row[column.offset..];
-                if self.big_endian { big(column.stored, row) } else { little(column.stored, row) }
-            };
-            rows.map(|row| make(columns.each_ref().map(|column| number(row, column)))).collect()
+                if big_endian { big(column.stored, row) } else { little(column.stored, row) }
+            }
+            rows.map(|row| {
+                make(columns.each_ref().map(|column| number(row, column, self.big_endian)))
+            })
+            .collect()
         }
     }
 }

@@ -77,8 +77,12 @@ impl FaceTable {
                 _ => table.uv = None,
             }
         }
-        let is_uv = |property: &Property| matches!(&*property.name, TEXCOORD | CORNER_UV);
-        if table.uv.is_none() && element.properties.iter().any(is_uv) {
+        if table.uv.is_none()
+            && element
+                .properties
+                .iter()
+                .any(|property| matches!(&*property.name, TEXCOORD | CORNER_UV))
+        {
             notes
                 .push("texture coordinates of faces are left out: some faces have none".to_owned());
         }
@@ -139,15 +143,16 @@ const END: u32 = u32::MAX;
 
 /// The property of faces that is the list of their corners: the one with a usual name, or else the only list of whole numbers.
 fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
-    let is_usual = |property: &Property| {
+    if let Some(usual) = element.properties.iter().position(|property| {
         let usual = ["vertex_indices", "vertex_index", "vertexIndex", "vertex_ids", "indices"];
         property.length.is_some()
             && usual.iter().any(|name| property.name.eq_ignore_ascii_case(name))
-    };
-    if let Some(usual) = element.properties.iter().position(is_usual) {
+    }) {
         return Some(usual);
     }
-    let is_whole = |property: &Property| property.length.is_some() && !property.scalar.is_float();
+    fn is_whole(property: &Property) -> bool {
+        property.length.is_some() && !property.scalar.is_float()
+    }
     let mut lists = (0..).zip(&element.properties).filter(|(_, property)| is_whole(property));
     let found = lists.next().filter(|_| lists.next().is_none());
     notes.push(match found {

@@ -34,8 +34,8 @@ impl FileFormat for RangePly {
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
         let cells = 0..range.points().len();
-        let valid = Vec::from_iter(cells.filter(|&cell| range.point(cell).is_some()));
-        let points = Vec::from_iter(valid.iter().map(|&cell| range.points()[cell]));
+        let valid: Vec<_> = cells.filter(|&cell| range.point(cell).is_some()).collect();
+        let points: Vec<_> = valid.iter().map(|&cell| range.points()[cell]).collect();
         let mut mesh = Mesh::new(upright_points(&points, true), no_faces())?;
         if let Some(colors) = range.colors() {
             let colors = valid.iter().map(|&cell| colors[cell]).collect();
@@ -164,12 +164,14 @@ mod tests {
 
     #[test]
     fn handles_become_points_with_their_motions() {
-        let handle = |x: f64, weight: f64| Handle {
-            at: [x, 2.0, 3.0],
-            to: Some([x + 0.5, 2.0, 3.0]),
-            sigma: Some([0.5, 0.25, 1.0]),
-            weight,
-        };
+        fn handle(x: f64, weight: f64) -> Handle {
+            Handle {
+                at: [x, 2.0, 3.0],
+                to: Some([x + 0.5, 2.0, 3.0]),
+                sigma: Some([0.5, 0.25, 1.0]),
+                weight,
+            }
+        }
         let handles = Handles::new(HandleSpace::World, &[handle(1.0, 1.0), handle(4.0, 2.0)]);
         let bytes = HandlesPly::write(&handles.unwrap(), "a.ply").unwrap().remove(0).bytes;
         let points = read_points(&bytes).unwrap();
@@ -189,7 +191,7 @@ mod tests {
             let curve = Curve::polyline(places.clone(), closed).unwrap();
             let bytes = CurvePly::write(&curve, "a.ply").unwrap().remove(0).bytes;
             assert_eq!(read(&bytes).unwrap().positions()[..], places);
-            let rows = Vec::from_iter(edges.into_iter().flat_map(indices));
+            let rows: Vec<_> = edges.into_iter().flat_map(indices).collect();
             assert!(bytes.ends_with(rows.as_flattened()));
         }
     }

@@ -64,15 +64,16 @@ fn read_cells(
     element: &Element,
     body: &mut Body<'_>,
 ) -> Result<([usize; 2], Vec<u32>), PlyError> {
-    let size = |key| header.info(key).ok_or(PlyError::NoGridSize { key });
+    fn size(key: &'static str, header: &Header) -> Result<f64, PlyError> {
+        header.info(key).ok_or(PlyError::NoGridSize { key })
+    }
     // A number that is none casts to 0, which is not the number of cells.
-    let [columns, rows] = [size("num_cols")? as usize, size("num_rows")? as usize];
+    let [columns, rows] = [size("num_cols", header)? as usize, size("num_rows", header)? as usize];
     let found = element.count;
     if columns.checked_mul(rows) != Some(found) || found == 0 {
         return Err(PlyError::GridSize { line: element.line, found, columns, rows });
     }
-    let is_list = |property: &Property| property.length.is_some();
-    if !element.properties.iter().any(is_list) {
+    if !element.properties.iter().any(|property| property.length.is_some()) {
         return Err(PlyError::NoGrid);
     }
     let mut cells = Vec::with_capacity(found);
@@ -115,18 +116,22 @@ fn gather(
     if let Some(&vertex) = missing {
         return Err(PlyError::NoVertex { vertex, vertices: count });
     }
-    let point = |&vertex: &u32| match vertex {
-        NONE => Point3::new(f64::NAN, f64::NAN, f64::NAN),
-        vertex => places[vertex as usize],
-    };
-    let points = cells.iter().map(point).collect();
+    let points = cells
+        .iter()
+        .map(|&vertex| match vertex {
+            NONE => Point3::new(f64::NAN, f64::NAN, f64::NAN),
+            vertex => places[vertex as usize],
+        })
+        .collect();
     let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
     let colors = vertices.take_colors(notes);
     let others = vertices.columns.iter().map(|column| &column.property.name[..]);
     notes.extend(left_out::of_range(others));
     let Some(colors) = colors else { return Ok(range) };
-    let color = |&vertex: &u32| colors.get(vertex as usize).copied().unwrap_or_default();
-    let colors = cells.iter().map(color).collect();
+    let colors = cells
+        .iter()
+        .map(|&vertex| colors.get(vertex as usize).copied().unwrap_or_default())
+        .collect();
     Ok(range.with_colors(colors).expect("there is a color for each cell"))
 }
 

@@ -70,8 +70,7 @@ impl<'a> Table<'a> {
         names: [&str; N],
         is: impl Fn(&Column, &str) -> bool,
     ) -> Option<[Column; N]> {
-        let has = |name: &&str| self.columns.iter().any(|column| is(column, name));
-        names.iter().all(has).then(|| {
+        names.iter().all(|name| self.columns.iter().any(|column| is(column, name))).then(|| {
             names.map(|name| {
                 let place = self.columns.iter().position(|column| is(column, name));
                 self.columns.remove(place.expect("it was found before"))
@@ -105,8 +104,10 @@ impl<'a> Table<'a> {
         let colors = self.rows.gather(columns, |color| color);
         let (all, are_whole) = (colors.iter().flatten().copied(), usual != ColorRange::To1);
         let range = colors::decide(self.color_range, all, are_whole, usual, notes);
-        let color = |color: [f64; 3]| color.map(|channel| colors::byte(range, channel));
-        colors.into_iter().map(color).collect()
+        colors
+            .into_iter()
+            .map(|color: [f64; 3]| color.map(|channel| colors::byte(range, channel)))
+            .collect()
     }
 
     /// Takes out what the comments of our own files say.
@@ -117,8 +118,8 @@ impl<'a> Table<'a> {
         notes: &mut Vec<String>,
     ) -> Option<Attribute> {
         let suffixes = kind.suffixes().iter();
-        let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
-        let names = Vec::from_iter(names.iter().map(|name| &**name));
+        let names: Vec<_> = suffixes.map(|suffix| format!("{name}{suffix}")).collect();
+        let names: Vec<_> = names.iter().map(|name| &**name).collect();
         Some(match (kind, &names[..]) {
             (Kind::Flag, &[flag]) => {
                 let columns = self.take([flag])?;
@@ -168,7 +169,7 @@ impl<'a> Table<'a> {
             notes.extend(finite::mend(&mut uv, "uv", "vertex", |index| finite.contains(index)));
             mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
         } else if let Some(uv) = uv {
-            let mut corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
+            let mut corners: Vec<_> = origins.into_iter().map(|origin| uv[origin]).collect();
             notes.extend(finite::mend(&mut corners, "uv", "corner", |_| true));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }

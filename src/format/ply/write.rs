@@ -120,8 +120,7 @@ impl<'a> TableColumn<'a> {
 
     /// Vectors, y and z with this sign.
     fn vectors(names: &[&str], vectors: &Column<[f64; 3]>, sign: f64) -> Self {
-        let entry = move |&[x, y, z]: &[f64; 3]| floats([x, sign * y, sign * z]);
-        Self::new("float", names, sign, vectors, entry)
+        Self::new("float", names, sign, vectors, move |&[x, y, z]| floats([x, sign * y, sign * z]))
     }
 
     /// An attribute under its own name, of vertices or, with `of` as ` face`, of faces. A comment says what its properties are together,
@@ -140,8 +139,8 @@ impl<'a> TableColumn<'a> {
             Attribute::Color(_) => Some(Kind::Color),
         };
         let suffixes = kind.map_or(&[""][..], Kind::suffixes).iter();
-        let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
-        let names = Vec::from_iter(names.iter().map(|name| &**name));
+        let names: Vec<_> = suffixes.map(|suffix| format!("{name}{suffix}")).collect();
+        let names: Vec<_> = names.iter().map(|name| &**name).collect();
         let comment = kind.map(|kind| format!("comment attribute {} {name}{of}\n", kind.word()));
         Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute, sign) }
     }
@@ -184,10 +183,9 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
     let normals = (given.is_none() && !mesh.faces().is_empty()).then(|| mesh.single_normals());
     parts.extend(given.map(|given| TableColumn::vectors(&NORMALS, given, sign)));
     parts.extend(normals.as_ref().map(|normals| {
-        let entry = move |&[x, y, z]: &[f32; 3]| {
+        TableColumn::new("float", &NORMALS, sign, normals, move |&[x, y, z]| {
             [x, sign as f32 * y, sign as f32 * z].map(f32::to_le_bytes)
-        };
-        TableColumn::new("float", &NORMALS, sign, normals, entry)
+        })
     }));
     if let Some(uv) = vertex.pairs("uv") {
         parts.push(TableColumn::new("float", &["s", "t"], 1.0, uv, |&uv| floats(uv)));
@@ -271,14 +269,18 @@ struct FaceRows<'a> {
 impl<'a> FaceRows<'a> {
     fn new(mesh: &'a Mesh, uv: Option<&'a Column<[f64; 2]>>, sign: f64) -> Self {
         let faces = mesh.faces();
-        let part = |(name, attribute): (&str, &'a Attribute)| match attribute {
-            Attribute::Color(_) if name == "color" => TableColumn {
-                comment: String::new(),
-                ..TableColumn::numbers(&["red", "green", "blue"], attribute, sign)
-            },
-            _ => TableColumn::attribute(name, attribute, " face", sign),
-        };
-        let parts = Side(mesh.face().iter().map(part).collect());
+        let parts = Side(
+            mesh.face()
+                .iter()
+                .map(|(name, attribute): (&str, &'a Attribute)| match attribute {
+                    Attribute::Color(_) if name == "color" => TableColumn {
+                        comment: String::new(),
+                        ..TableColumn::numbers(&["red", "green", "blue"], attribute, sign)
+                    },
+                    _ => TableColumn::attribute(name, attribute, " face", sign),
+                })
+                .collect(),
+        );
         let entries = if uv.is_some() { 2 } else { 1 };
         let longest = match faces.sides() {
             Some(sides) => sides,
@@ -339,19 +341,19 @@ impl<'a> FaceRows<'a> {
     /// Fills in the lists of a face.
     fn put_lists(&self, index: usize, mut row: &mut [u8]) {
         let face = self.faces.face(index);
-        let mut put = |bytes: &[u8]| {
-            let (next, rest) = std::mem::take(&mut row).split_at_mut(bytes.len());
+        fn put(bytes: &[u8], row: &mut &mut [u8]) {
+            let (next, rest) = std::mem::take(row).split_at_mut(bytes.len());
             next.copy_from_slice(bytes);
-            row = rest;
-        };
+            *row = rest;
+        }
         let length = |count: usize| (count as u32).to_le_bytes();
         let size = if self.long { 4 } else { 1 };
-        put(&length(face.len())[..size]);
-        face.iter().for_each(|vertex| put(&vertex.to_le_bytes()));
+        put(&length(face.len())[..size], &mut row);
+        face.iter().for_each(|vertex| put(&vertex.to_le_bytes(), &mut row));
         if let Some(uv) = self.uv {
-            put(&length(2 * face.len())[..size]);
+            put(&length(2 * face.len())[..size], &mut row);
             let uv = &uv[self.faces.first_corner(index)..][..face.len()];
-            uv.iter().for_each(|&uv| put(floats(uv).as_flattened()));
+            uv.iter().for_each(|&uv| put(floats(uv).as_flattened(), &mut row));
         }
     }
 }
@@ -423,7 +425,9 @@ mod tests {
 
     /// A quad beside a triangle.
     fn mesh() -> Mesh {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.25)
+        }
         let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
@@ -514,8 +518,8 @@ mod tests {
 
     #[test]
     fn a_face_of_three_hundred_corners_is_written() {
-        let positions = Vec::from_iter((0..300).map(|i| Point3::new(f64::from(i), 0.0, 0.0)));
-        let faces = Faces::uniform(300, Vec::from_iter(0..300)).unwrap();
+        let positions: Vec<_> = (0..300).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+        let faces = Faces::uniform(300, (0..300).collect::<Vec<_>>()).unwrap();
         let mesh = Mesh::new(positions, faces).unwrap();
         assert_eq!(read(&encode(&mesh).unwrap()).unwrap().faces(), mesh.faces());
     }
@@ -577,7 +581,7 @@ mod tests {
 
     #[test]
     fn a_net_becomes_quads() {
-        let points = Vec::from_iter((0..6).map(|i| Point3::new(f64::from(i), 0.0, 1.0)));
+        let points: Vec<_> = (0..6).map(|i| Point3::new(f64::from(i), 0.0, 1.0)).collect();
         let net = ControlNet::new(2, 3, points).unwrap();
         let net = net.with_weights(vec![1., 2., 3., 4., 5., 6.]).unwrap();
         let mesh = read(&ControlNetPly::write(&net, "net.ply").unwrap()[0].bytes).unwrap();

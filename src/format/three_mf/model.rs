@@ -66,18 +66,21 @@ impl Model {
         bytes: &[u8],
         notes: &mut Vec<String>,
     ) -> Result<Self, ThreeMfReadError> {
-        let wrong = |line, message: String| ThreeMfReadError::Wrong {
-            part: name.to_owned(),
-            line,
-            message,
-        };
-        let text = str::from_utf8(bytes).map_err(|_| wrong(1, "it is not text in UTF-8".into()))?;
+        fn wrong(line: u32, message: String, name: &str) -> ThreeMfReadError {
+            ThreeMfReadError::Wrong { part: name.to_owned(), line, message }
+        }
+        let text =
+            str::from_utf8(bytes).map_err(|_| wrong(1, "it is not text in UTF-8".into(), name))?;
         if has_many_namespaces(bytes) {
-            return Err(wrong(1, format!("it declares more than {MOST_NAMESPACES} namespaces")));
+            return Err(wrong(
+                1,
+                format!("it declares more than {MOST_NAMESPACES} namespaces"),
+                name,
+            ));
         }
         let text = text.trim_start_matches('\u{feff}');
-        let document =
-            Document::parse(text).map_err(|error| wrong(error.pos().row, error.to_string()))?;
+        let document = Document::parse(text)
+            .map_err(|error| wrong(error.pos().row, error.to_string(), name))?;
         let part = Part { name, document: &document };
         part.model(document.root_element(), notes)
     }
@@ -201,9 +204,8 @@ impl Part<'_> {
                 other => drop(others.insert(other)),
             }
         }
-        let others = Vec::from_iter(
-            others.into_iter().map(|name| format!("`{}`", excerpt(name.as_bytes()))),
-        );
+        let others: Vec<_> =
+            others.into_iter().map(|name| format!("`{}`", excerpt(name.as_bytes()))).collect();
         if !others.is_empty() {
             notes.push(format!(
                 "{} of `{}` {} left out: not read from 3MF files",
@@ -322,10 +324,13 @@ impl Part<'_> {
             )
         })?;
         // It multiplies row vectors, with the translation in the last row.
-        let entry = |row: usize, column: usize| {
-            if row < 3 { rows[3 * column + row] } else { f64::from(column == 3) }
-        };
-        Ok(Component { object, part, motion: Matrix4::from_fn(entry) })
+        Ok(Component {
+            object,
+            part,
+            motion: Matrix4::from_fn(|row: usize, column: usize| {
+                if row < 3 { rows[3 * column + row] } else { f64::from(column == 3) }
+            }),
+        })
     }
 }
 

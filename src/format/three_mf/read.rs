@@ -227,15 +227,17 @@ impl<'a> Assembly<'a> {
         };
         match group {
             Group::Colors(colors) => {
-                let corner = |index: u32| colors.get(index as usize).copied();
-                let [Some(a), Some(b), Some(c)] = look.entries.map(corner) else {
+                let [Some(a), Some(b), Some(c)] =
+                    look.entries.map(|index: u32| colors.get(index as usize).copied())
+                else {
                     return (None, None);
                 };
                 (Some([a, b, c]), None)
             }
             Group::Picture { path, uv } => {
-                let corner = |index: u32| uv.get(index as usize).copied();
-                let [Some(a), Some(b), Some(c)] = look.entries.map(corner) else {
+                let [Some(a), Some(b), Some(c)] =
+                    look.entries.map(|index: u32| uv.get(index as usize).copied())
+                else {
                     return (None, None);
                 };
                 if self.picture.get_or_insert_with(|| path.clone()) != path {
@@ -274,11 +276,11 @@ impl<'a> Assembly<'a> {
         let (faces, origins) = self.faces.finish()?;
         let mut mesh = Mesh::new(self.places, faces)?;
         if colored > 0 {
-            let colors = Vec::from_iter(origins.iter().map(|&origin| self.colors[origin]));
+            let colors: Vec<_> = origins.iter().map(|&origin| self.colors[origin]).collect();
             mesh = with_corners(mesh, "color", colors, [255; 3], Attribute::Color)?;
         }
         if textured > 0 {
-            let uv = Vec::from_iter(origins.iter().map(|&origin| self.uv[origin]));
+            let uv: Vec<_> = origins.iter().map(|&origin| self.uv[origin]).collect();
             mesh = with_corners(mesh, "uv", uv, [0.0; 2], Attribute::Pair)?;
             let path = self.picture.unwrap_or_default();
             match picture(self.archive, &path, most) {

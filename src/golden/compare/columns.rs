@@ -102,19 +102,26 @@ pub(crate) fn compare_columns(
     rounding: Rounding,
 ) -> Measure {
     let (stride, places) = (old.stride, old.numbers.len() / old.width);
-    let beyond = |relative: f64| {
-        let difference_at = |place: usize| {
-            let (a, b) = (old.element(place), new.element(place * stride));
-            let half = rounding.half * (1.0 + 1e-9);
-            if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
-                return 0.0;
-            }
-            difference(old.class, a, b, relative)
-        };
-        (0..places).into_par_iter().with_min_len(4096).map(difference_at).collect()
-    };
-    let (mut measure, differences) =
-        measure_beyond(&old.name, beyond, old.class, allowed(new, tolerance), tolerance);
+    let (mut measure, differences) = measure_beyond(
+        &old.name,
+        |relative: f64| {
+            (0..places)
+                .into_par_iter()
+                .with_min_len(4096)
+                .map(|place: usize| {
+                    let (a, b) = (old.element(place), new.element(place * stride));
+                    let half = rounding.half * (1.0 + 1e-9);
+                    if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
+                        return 0.0;
+                    }
+                    difference(old.class, a, b, relative)
+                })
+                .collect()
+        },
+        old.class,
+        allowed(new, tolerance),
+        tolerance,
+    );
     measure.error = rounding.error;
     measure.seen = places as f64 / new.count.max(1) as f64;
     if let Some(worst) = worst(&differences) {
@@ -256,22 +263,27 @@ fn element(index: usize, row: Option<usize>) -> String {
 pub(super) fn in_words(numbers: &[f64]) -> String {
     match numbers {
         [x] => six(*x),
-        _ => format!("({})", Vec::from_iter(numbers.iter().take(4).map(|x| six(*x))).join(", ")),
+        _ => {
+            format!("({})", numbers.iter().take(4).map(|x| six(*x)).collect::<Vec<_>>().join(", "))
+        }
     }
 }
 
 /// How far two elements are apart, or 0 if no number of them is farther from the other than `relative` times the mean of both. Two numbers that are both unknown do not differ; one that is makes them infinitely different.
 pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f64 {
-    let apart = |(a, b): (&f64, &f64)| match (a.is_nan(), b.is_nan()) {
-        (true, true) => 0.0,
-        (true, false) | (false, true) => f64::INFINITY,
-        // Infinite numbers that are equal do not differ.
-        _ if a == b => 0.0,
-        _ => (a - b).abs(),
-    };
+    fn apart((a, b): (&f64, &f64)) -> f64 {
+        match (a.is_nan(), b.is_nan()) {
+            (true, true) => 0.0,
+            (true, false) | (false, true) => f64::INFINITY,
+            // Infinite numbers that are equal do not differ.
+            _ if a == b => 0.0,
+            _ => (a - b).abs(),
+        }
+    }
     let pairs = || a.iter().zip(b);
-    let is_near = |(a, b): (&f64, &f64)| (a - b).abs() <= relative * (a.abs() + b.abs()) / 2.0;
-    if relative > 0.0 && pairs().all(is_near) {
+    if relative > 0.0
+        && pairs().all(|(a, b): (&f64, &f64)| (a - b).abs() <= relative * (a.abs() + b.abs()) / 2.0)
+    {
         return 0.0;
     }
     match class {
@@ -279,7 +291,9 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f
         Class::Level => pairs().map(apart).fold(0.0, f64::max),
         Class::Exact => f64::from(u8::from(pairs().map(apart).any(|d| d > 0.0))),
         Class::Normal => {
-            let length = |a: &[f64]| a.iter().map(|x| x * x).sum::<f64>().sqrt();
+            fn length(a: &[f64]) -> f64 {
+                a.iter().map(|x| x * x).sum::<f64>().sqrt()
+            }
             let (shorter, longer) = (length(a).min(length(b)), length(a).max(length(b)));
             if a == b {
                 0.0

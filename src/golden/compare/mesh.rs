@@ -20,7 +20,9 @@ pub(crate) fn compare_meshes(
 ) -> Comparison {
     let same_faces = old.faces() == new.faces() && old.positions().len() == new.positions().len();
     if same_faces && !tolerance.remeshed {
-        let parts = |mesh: &Mesh| GoldenParts::of(&AnyValue::new(mesh.clone())).unwrap_or_default();
+        fn parts(mesh: &Mesh) -> GoldenParts {
+            GoldenParts::of(&AnyValue::new(mesh.clone())).unwrap_or_default()
+        }
         let (old_parts, new_parts) = rayon::join(|| parts(old), || parts(new));
         let comparison = compare_parts(&old_parts, &new_parts, tolerance);
         if comparison.measures.iter().any(|measure| measure.max > 0.0)
@@ -91,13 +93,15 @@ fn other_faces(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> Optio
 
 /// The vertices of each face, the least of them first, in order.
 fn rings(mesh: &Mesh) -> Vec<Vec<u32>> {
-    let ring = |face: usize| {
-        let mut ring = mesh.faces().face(face).to_vec();
-        let first = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
-        ring.rotate_left(first);
-        ring
-    };
-    let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len()).into_par_iter().map(ring).collect();
+    let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len())
+        .into_par_iter()
+        .map(|face: usize| {
+            let mut ring = mesh.faces().face(face).to_vec();
+            let first = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
+            ring.rotate_left(first);
+            ring
+        })
+        .collect();
     rings.par_sort_unstable();
     rings
 }
@@ -191,12 +195,16 @@ fn on_faces(
     to: &TriangleTree,
     mut hits: Vec<Option<NearestPlace>>,
 ) -> (Vec<Sample>, Vec<Option<NearestPlace>>) {
-    let place = |vertex: u32| mesh.positions()[vertex as usize].coords;
-    let triples = |face: &[u32]| if face.len() == 3 { 1 } else { face.len() };
+    fn place(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
+        mesh.positions()[vertex as usize].coords
+    }
+    fn triples(face: &[u32]) -> usize {
+        if face.len() == 3 { 1 } else { face.len() }
+    }
     let centroids = (0..mesh.faces().len()).into_par_iter().flat_map_iter(|index| {
         let face = mesh.faces().face(index);
         (0..triples(face)).map(move |k| {
-            let corners = [0, 1, 2].map(|step| place(face[(k + step) % face.len()]));
+            let corners = [0, 1, 2].map(|step| place(face[(k + step) % face.len()], mesh));
             Point3::from(corners.iter().sum::<Vector3<f64>>() / 3.0)
         })
     });
@@ -219,9 +227,15 @@ fn on_faces(
 
 /// The midpoint of each edge.
 fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        mesh.positions()[vertex as usize]
+    }
     let edges = mesh.edges();
-    edges.vertices.iter().map(|[a, b]| nalgebra::center(&place(*a), &place(*b))).collect()
+    edges
+        .vertices
+        .iter()
+        .map(|[a, b]| nalgebra::center(&place(*a, mesh), &place(*b, mesh)))
+        .collect()
 }
 
 /// Compares the attributes of `old` with those of `new` at the nearest place; says, too, which are gone or new.
@@ -238,8 +252,9 @@ fn attributes(
     for of in [Of::Vertex, Of::Corner, Of::Face] {
         let [before, now] = [old, new].map(|mesh| GoldenParts::of_attributes(of.attributes(mesh)));
         for mut part in before.iter().cloned() {
-            let same = |other: &&GoldenColumn| other.name == part.name && other.width == part.width;
-            let Some(other) = now.iter().find(same) else {
+            let Some(other) =
+                now.iter().find(|other| other.name == part.name && other.width == part.width)
+            else {
                 reasons.push(format!("`{}{}` is gone", of.word(), part.name));
                 continue;
             };
@@ -260,7 +275,9 @@ fn attributes(
         let unknown = now.iter().filter(|part| !before.iter().any(|old| old.name == part.name));
         reasons.extend(unknown.map(|part| format!("`{}{}` is new", of.word(), part.name)));
     }
-    let rest = |mesh: &Mesh| (mesh.creases().len(), mesh.texture().map(maquette_value::hash_of));
+    fn rest(mesh: &Mesh) -> (usize, Option<maquette_value::Hash>) {
+        (mesh.creases().len(), mesh.texture().map(maquette_value::hash_of))
+    }
     if rest(old).0 != rest(new).0 {
         reasons.push(format!("creases: {} -> {}", rest(old).0, rest(new).0));
     }
@@ -317,23 +334,29 @@ fn at_vertices(
         };
         difference(part.class, part.element(place * search.stride), &there, relative)
     };
-    let beyond = |relative: f64| {
-        let hits = search.hits.par_iter().enumerate();
-        hits.map(|(place, hit)| difference_at(place, hit, relative)).collect()
-    };
-    judged(part, "vertex", search.stride, beyond, tolerance, off)
+    judged(
+        part,
+        "vertex",
+        search.stride,
+        |relative: f64| {
+            let hits = search.hits.par_iter().enumerate();
+            hits.map(|(place, hit)| difference_at(place, hit, relative)).collect()
+        },
+        tolerance,
+        off,
+    )
 }
 
 /// Every n-th face and the middle of its first triangle: there, other than at its corners, only one face is near.
 fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
-    let middle = |face: usize| {
+    fn middle(face: usize, mesh: &Mesh) -> (usize, Point3<f64>) {
         let corners = first_triangle(mesh, face).map(|corner| mesh.faces().corners()[corner]);
         let sum: Vector3<f64> =
             corners.map(|v| mesh.positions()[v as usize].coords).into_iter().sum();
         (face, Point3::from(sum / 3.0))
-    };
+    }
     let count = mesh.faces().len().div_ceil(stride);
-    (0..count).into_par_iter().map(|index| middle(index * stride)).collect()
+    (0..count).into_par_iter().map(|index| middle(index * stride, mesh)).collect()
 }
 
 /// The corners of the first triangle of a face, by index among the corners of all faces.
@@ -362,16 +385,23 @@ fn at_middles(
         let there = hit.corners.map(|corner| corner as usize);
         difference(part.class, &here, &mixed(other, there, hit.shares), relative)
     };
-    let beyond = |relative: f64| {
-        let hits = hits.par_iter().enumerate();
-        hits.map(|(face, hit)| difference_at(face, hit, relative)).collect()
-    };
-    judged(part, "face", 1, beyond, tolerance, off)
+    judged(
+        part,
+        "face",
+        1,
+        |relative: f64| {
+            let hits = hits.par_iter().enumerate();
+            hits.map(|(face, hit)| difference_at(face, hit, relative)).collect()
+        },
+        tolerance,
+        off,
+    )
 }
 
 fn mixed(part: &GoldenColumn, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
-    let number = |k: usize| (0..3).map(|c| shares[c] * part.element(elements[c])[k]).sum();
-    (0..part.width).map(number).collect()
+    (0..part.width)
+        .map(|k: usize| (0..3).map(|c| shares[c] * part.element(elements[c])[k]).sum())
+        .collect()
 }
 
 fn judged(

@@ -21,7 +21,9 @@ pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {
 
 /// A face's mark is that of the ring of its corners, so that it may begin at any of them.
 pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
-    let of = |attributes: &Attributes| columns_of(attributes);
+    fn of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
+        columns_of(attributes)
+    }
     let places: &[f64] = bytemuck::cast_slice(mesh.positions());
     let mut vertex = of(mesh.vertex());
     let (corner, face) = (of(mesh.corner()), of(mesh.face()));
@@ -29,21 +31,28 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
     vertex.push((3, places.iter().map(|x| x.to_bits()).collect()));
     let [vertex, corner, face] =
         [(vertex, n[0]), (corner, n[1]), (face, n[2])].map(|(columns, count)| {
-            let mark = |k: usize| {
-                let numbers = columns.iter().flat_map(|(width, bits)| &bits[k * width..][..*width]);
-                numbers.fold(1, |mark, &bits| mix(mark, bits))
-            };
-            Vec::from_iter((0..count).into_par_iter().map(mark).collect::<Vec<u64>>())
+            Vec::from_iter(
+                (0..count)
+                    .into_par_iter()
+                    .map(|k: usize| {
+                        let numbers =
+                            columns.iter().flat_map(|(width, bits)| &bits[k * width..][..*width]);
+                        numbers.fold(1, |mark, &bits| mix(mark, bits))
+                    })
+                    .collect::<Vec<u64>>(),
+            )
         });
-    let of_face = |index: usize| {
-        let first = mesh.faces().first_corner(index);
-        let corners = mesh.faces().face(index).iter().zip(&corner[first..]);
-        let ring: Vec<u64> = corners.map(|(&v, &c)| mix(vertex[v as usize], c)).collect();
-        let start = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
-        let turned = ring[start..].iter().chain(&ring[..start]);
-        turned.fold(face[index], |mark, &corner| mix(mark, corner))
-    };
-    let faces: Vec<u64> = (0..n[2]).into_par_iter().map(of_face).collect();
+    let faces: Vec<u64> = (0..n[2])
+        .into_par_iter()
+        .map(|index: usize| {
+            let first = mesh.faces().first_corner(index);
+            let corners = mesh.faces().face(index).iter().zip(&corner[first..]);
+            let ring: Vec<u64> = corners.map(|(&v, &c)| mix(vertex[v as usize], c)).collect();
+            let start = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
+            let turned = ring[start..].iter().chain(&ring[..start]);
+            turned.fold(face[index], |mark, &corner| mix(mark, corner))
+        })
+        .collect();
     let creases = mesh.creases().map(|([a, b], sharpness)| {
         let [a, b] = [a, b].map(|end| vertex[end as usize]);
         mix(mix(a.min(b), a.max(b)), sharpness.to_bits())
@@ -79,16 +88,20 @@ fn columns_of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
 }
 
 fn marks(columns: &[&GoldenColumn], count: usize) -> Vec<u64> {
-    let mark = |k: usize| {
-        let numbers = columns.iter().flat_map(|column| column.element(k));
-        numbers.fold(1, |mark, x| mix(mark, x.to_bits()))
-    };
-    (0..count).into_par_iter().map(mark).collect()
+    (0..count)
+        .into_par_iter()
+        .map(|k: usize| {
+            let numbers = columns.iter().flat_map(|column| column.element(k));
+            numbers.fold(1, |mark, x| mix(mark, x.to_bits()))
+        })
+        .collect()
 }
 
 fn sum(marks: &[u64]) -> u128 {
-    let spread = |&mark: &u64| u128::from(mix(mark, 1)) << 64 | u128::from(mix(mark, 2));
-    marks.par_iter().map(spread).reduce(|| 0, u128::wrapping_add)
+    marks
+        .par_iter()
+        .map(|&mark| u128::from(mix(mark, 1)) << 64 | u128::from(mix(mark, 2)))
+        .reduce(|| 0, u128::wrapping_add)
 }
 
 /// The mark with some bits more, in this order.

@@ -7,13 +7,14 @@ use super::*;
 
 /// A wavy sheet of quads split in two, `n` x `n` vertices.
 fn sheet(n: u32) -> Mesh {
-    let at = |k: u32| {
-        let (x, y) = (f64::from(k % n), f64::from(k / n));
-        Point3::new(x, y, 2.0 * libm::sin(x * 0.3) + libm::cos(y * 0.2))
-    };
     let quads = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let faces = quads.flat_map(|a| [[a, a + 1, a + n], [a + 1, a + n + 1, a + n]]);
-    let positions: Vec<_> = (0..n * n).map(at).collect();
+    let positions: Vec<_> = (0..n * n)
+        .map(|k: u32| {
+            let (x, y) = (f64::from(k % n), f64::from(k / n));
+            Point3::new(x, y, 2.0 * libm::sin(x * 0.3) + libm::cos(y * 0.2))
+        })
+        .collect();
     let uv: Vec<[f64; 2]> = positions.iter().map(|p| [p.x / 30.0, p.y / 30.0]).collect();
     let mesh = Mesh::new(positions, Faces::triangles(faces.collect())).unwrap();
     mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap()
@@ -51,14 +52,16 @@ fn within(max: f64) -> Tolerance {
 #[test]
 fn the_verdict_says_what_changed_at_most() {
     let mesh = sheet(30);
-    let verdict = |new: &Mesh, max| check(&mesh, new, &within(max)).verdict;
-    assert_eq!(verdict(&mesh.clone(), 0.0), Verdict::Identical);
-    assert_eq!(verdict(&reversed(&mesh), 0.0), Verdict::Reordered);
+    fn verdict(new: &Mesh, max: f64, mesh: &Mesh) -> Verdict {
+        check(mesh, new, &within(max)).verdict
+    }
+    assert_eq!(verdict(&mesh.clone(), 0.0, &mesh), Verdict::Identical);
+    assert_eq!(verdict(&reversed(&mesh), 0.0, &mesh), Verdict::Reordered);
     let lifted = moved(&mesh, Vector3::new(0.0, 0.0, 0.01));
-    assert_eq!(verdict(&lifted, 0.011), Verdict::Within);
-    assert_eq!(verdict(&lifted, 0.009), Verdict::Different);
+    assert_eq!(verdict(&lifted, 0.011, &mesh), Verdict::Within);
+    assert_eq!(verdict(&lifted, 0.009, &mesh), Verdict::Different);
     assert_eq!(
-        verdict(&moved(&reversed(&mesh), Vector3::new(0.0, 0.0, 0.01)), 0.011),
+        verdict(&moved(&reversed(&mesh), Vector3::new(0.0, 0.0, 0.01)), 0.011, &mesh),
         Verdict::Within
     );
 }
@@ -94,7 +97,7 @@ fn topology_comes_before_distances() {
 
 /// The mesh without some faces, and with its vertices.
 fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
-    let faces = Vec::from_iter(mesh.faces().iter().map(<[u32]>::to_vec));
+    let faces: Vec<_> = mesh.faces().iter().map(<[u32]>::to_vec).collect();
     let kept = faces.iter().enumerate().filter(|(index, _)| !is_gone(*index));
     let (sizes, corners): (Vec<usize>, Vec<Vec<u32>>) =
         kept.map(|(_, face)| (face.len(), face.clone())).unzip();
@@ -148,25 +151,25 @@ fn the_corner_at_which_a_bent_face_begins_is_no_distance() {
 #[test]
 fn the_same_surface_of_other_faces_is_another_mesh() {
     let mesh = sheet(10);
-    let with_faces = |mesh: &Mesh, change: &dyn Fn(&mut Vec<[u32; 3]>)| {
+    fn with_faces(mesh: &Mesh, change: &dyn Fn(&mut Vec<[u32; 3]>)) -> Mesh {
         let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
         change(&mut faces);
         let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         other.with_vertex("uv", mesh.vertex().get("uv").unwrap().clone()).unwrap()
-    };
+    }
     let flipped = with_faces(&mesh, &|faces| faces.iter_mut().for_each(|face| face.swap(1, 2)));
     let crossed = with_faces(&mesh, &|faces| {
         let ([a, b, d], [_, c, _]) = (faces[8], faces[9]);
         (faces[8], faces[9]) = ([a, b, c], [a, c, d]);
     });
-    let told = |new: &Mesh, lax: bool| {
-        check(&mesh, new, &Tolerance { remeshed: lax, ..within(1.0) }).reasons.join("; ")
-    };
-    assert_eq!(told(&flipped, false), "162 faces join other vertices, or in another sense");
-    assert_eq!(told(&crossed, false), "2 faces join other vertices, or in another sense");
+    fn told(new: &Mesh, lax: bool, mesh: &Mesh) -> String {
+        check(mesh, new, &Tolerance { remeshed: lax, ..within(1.0) }).reasons.join("; ")
+    }
+    assert_eq!(told(&flipped, false, &mesh), "162 faces join other vertices, or in another sense");
+    assert_eq!(told(&crossed, false, &mesh), "2 faces join other vertices, or in another sense");
     let moved = moved(&reversed(&flipped), Vector3::new(0.0, 0.0, 0.01));
-    assert_eq!(told(&moved, false), "100 % of the faces look to the other side");
-    assert_eq!([told(&flipped, true), told(&moved, true)], ["", ""]);
+    assert_eq!(told(&moved, false, &mesh), "100 % of the faces look to the other side");
+    assert_eq!([told(&flipped, true, &mesh), told(&moved, true, &mesh)], ["", ""]);
 }
 
 #[test]
@@ -187,7 +190,7 @@ fn a_lost_and_a_changed_attribute_are_seen() {
 #[test]
 fn attributes_of_corners_and_faces_are_compared_when_the_faces_are_others() {
     // A mesh whose corners and faces have numbers that only depend on their places; its faces in either order.
-    let numbered = |turned: bool, off: f64| {
+    fn numbered(turned: bool, off: f64) -> Mesh {
         let mesh = sheet(12).without("uv");
         let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
         if turned {
@@ -202,31 +205,36 @@ fn attributes_of_corners_and_faces_are_compared_when_the_faces_are_others() {
         let mesh = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         let mesh = mesh.with_corner("tint", Attribute::Number(corners.into())).unwrap();
         mesh.with_face("sum", Attribute::Number(sums.into())).unwrap()
-    };
+    }
     let old = numbered(false, 0.0);
-    let near = |off| moved(&numbered(true, off), Vector3::new(0.0, 0.0, 1e-6));
+    fn near(off: f64) -> Mesh {
+        moved(&numbered(true, off), Vector3::new(0.0, 0.0, 1e-6))
+    }
     let tolerance = Tolerance {
         attributes: [("tint".to_owned(), 1e-3), ("sum".to_owned(), 0.5)].into(),
         ..within(1e-4)
     };
     assert_eq!(check(&old, &near(0.0), &tolerance).verdict, Verdict::Within);
     let comparison = check(&old, &near(0.6), &tolerance);
-    let told = |what: &str| comparison.reasons.iter().any(|why| why.contains(what));
+    fn told(what: &str, comparison_reasons: &[String]) -> bool {
+        comparison_reasons.iter().any(|why| why.contains(what))
+    }
     assert!(
-        told("`corner tint` differs by 0.2") && told("`face sum` differs by 0.6"),
+        told("`corner tint` differs by 0.2", &comparison.reasons)
+            && told("`face sum` differs by 0.6", &comparison.reasons),
         "{comparison:?}"
     );
 }
 
 #[test]
 fn distances_of_shifted_planes_are_their_shift() {
-    let flat = |n: u32, z: f64| {
+    fn flat(n: u32, z: f64) -> Mesh {
         let mesh = sheet(n);
         let scale = 29.0 / f64::from(n - 1);
         let flat =
             mesh.positions().iter().map(|p| Point3::new(p.x * scale, p.y * scale, z)).collect();
         mesh.with_positions(flat).unwrap().without("uv")
-    };
+    }
     let lax = Tolerance { remeshed: true, ..within(0.3) };
     let comparison = check(&flat(30, 0.0), &flat(41, 0.25), &lax);
     assert_eq!(comparison.verdict, Verdict::Within);
@@ -240,11 +248,11 @@ fn distances_of_shifted_planes_are_their_shift() {
 
 #[test]
 fn pixels_may_differ_in_a_share() {
-    let picture = |changed: usize| {
+    fn picture(changed: usize) -> AnyValue {
         let mut pixels = vec![[10, 20, 30]; 100];
         pixels[..changed].iter_mut().for_each(|pixel| pixel[1] = 25);
         AnyValue::new(Image::new(10, 10, pixels).unwrap())
-    };
+    }
     let verdict =
         |changed, tolerance: &Tolerance| compare(&picture(0), &picture(changed), tolerance).verdict;
     let some = Tolerance { differing: 0.05, ..Tolerance::default() };
@@ -257,15 +265,15 @@ fn pixels_may_differ_in_a_share() {
 
 #[test]
 fn one_pixel_that_is_far_off_fails_although_a_share_may_differ() {
-    let picture = |level: u8| {
+    fn picture(level: u8) -> AnyValue {
         let mut pixels = vec![[100, 100, 100]; 1000];
         pixels[417][2] = level;
         AnyValue::new(Image::new(100, 10, pixels).unwrap())
-    };
-    let check = |level, hard, relative| {
+    }
+    fn check(level: u8, hard: Option<f64>, relative: f64) -> Comparison {
         let tolerance = Tolerance { differing: 0.1, hard, relative, ..Tolerance::default() };
         compare(&picture(100), &picture(level), &tolerance)
-    };
+    }
     assert_eq!(check(193, None, 0.0).verdict, Verdict::Within);
     assert_eq!(check(120, Some(20.0), 0.0).verdict, Verdict::Within);
     for relative in [0.0, 1.0] {
@@ -278,18 +286,26 @@ fn one_pixel_that_is_far_off_fails_although_a_share_may_differ() {
 
 #[test]
 fn a_difference_counts_from_a_fraction_of_the_mean_on() {
-    let picture = |level: u8| AnyValue::new(Image::new(10, 10, vec![[level; 3]; 100]).unwrap());
-    let check = |old, new, relative| {
+    fn picture(level: u8) -> AnyValue {
+        AnyValue::new(Image::new(10, 10, vec![[level; 3]; 100]).unwrap())
+    }
+    fn check(old: u8, new: u8, relative: f64) -> (Verdict, f64) {
         let tolerance = Tolerance { relative, ..Tolerance::default() };
         let comparison = compare(&picture(old), &picture(new), &tolerance);
         (comparison.verdict, comparison.measures[0].differing)
-    };
+    }
     assert_eq!(check(200, 210, 0.05), (Verdict::Within, 0.0));
     assert_eq!(check(20, 30, 0.05), (Verdict::Different, 1.0));
     assert_eq!(check(0, 1, 1.0), (Verdict::Different, 1.0));
-    let field = |x: f32| AnyValue::new(maquette_value::Field::new(2, 1, vec![x, -1000.0]).unwrap());
-    let tolerance = |relative| Tolerance { relative, ..Tolerance::default() };
-    let verdict = |relative| compare(&field(1000.0), &field(1010.0), &tolerance(relative)).verdict;
+    fn field(x: f32) -> AnyValue {
+        AnyValue::new(maquette_value::Field::new(2, 1, vec![x, -1000.0]).unwrap())
+    }
+    fn tolerance(relative: f64) -> Tolerance {
+        Tolerance { relative, ..Tolerance::default() }
+    }
+    fn verdict(relative: f64) -> Verdict {
+        compare(&field(1000.0), &field(1010.0), &tolerance(relative)).verdict
+    }
     assert_eq!([verdict(0.02), verdict(0.005)], [Verdict::Within, Verdict::Different]);
 }
 

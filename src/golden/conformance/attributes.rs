@@ -3,7 +3,7 @@
 //! All marks of an element follow from one number, so that an element whose marks do not fit together is found: one that got its
 //! color from here and its vector from there.
 
-use maquette_node::{Carry, DOMAINS, Fate, Progress};
+use maquette_node::{DOMAINS, Fate, Progress};
 use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
 use super::extremes::Case;
@@ -24,14 +24,18 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let declared = entry.carries();
     for port in &entry.ports() {
         for output in entry.outputs() {
-            let takes = |kind: &str| port.types.iter().any(|it| it == kind);
+            fn takes(kind: &str, port_types: &[String]) -> bool {
+                port_types.iter().any(|it| it == kind)
+            }
             let gives = |kind: &str| output.types.iter().any(|it| it.name == kind);
-            let has_elements =
-                (takes("Mesh") || takes("Points")) && (gives("Mesh") || gives("Points"));
-            let has_cells =
-                takes("RangeImage") && ["RangeImage", "Mesh", "Points"].into_iter().any(gives);
-            let is_it = |it: &&Carry| (it.port, it.output) == (&port.name[..], output.name);
-            let said = Vec::from_iter(declared.iter().filter(is_it));
+            let has_elements = (takes("Mesh", &port.types) || takes("Points", &port.types))
+                && (gives("Mesh") || gives("Points"));
+            let has_cells = takes("RangeImage", &port.types)
+                && ["RangeImage", "Mesh", "Points"].into_iter().any(gives);
+            let said: Vec<_> = declared
+                .iter()
+                .filter(|it| (it.port, it.output) == (&port.name[..], output.name))
+                .collect();
             let is_right = match &said[..] {
                 [] => !has_elements && !has_cells,
                 [it] => (it.fates.is_some(), it.cells.is_some()) == (has_elements, has_cells),
@@ -123,11 +127,14 @@ fn vector(x: &[f64]) -> Attribute {
 }
 
 fn color(x: &[f64]) -> Attribute {
-    let color = |x: &f64| {
-        let [a, b, c, _] = (*x as u32).to_le_bytes();
-        [a, b, c]
-    };
-    Attribute::Color(x.iter().map(color).collect())
+    Attribute::Color(
+        x.iter()
+            .map(|x| {
+                let [a, b, c, _] = (*x as u32).to_le_bytes();
+                [a, b, c]
+            })
+            .collect(),
+    )
 }
 
 /// What has been marked.
@@ -140,14 +147,14 @@ struct Marks {
 impl Marks {
     /// A value with marks at each element; none if it has no attributes. `named` is the domain of those with a name that nodes know.
     fn put(&mut self, value: &AnyValue, named: usize) -> Option<AnyValue> {
-        let mut numbers = |domain: usize, count: usize| {
+        fn numbers(domain: usize, count: usize, counts: &mut [usize; 4]) -> Vec<f64> {
             // Each port's links have numbers of their own.
-            let first = self.counts[domain];
-            self.counts[domain] += count;
-            Vec::from_iter((first + 1..=first + count).map(|number| number as f64))
-        };
+            let first = counts[domain];
+            counts[domain] += count;
+            (first + 1..=first + count).map(|number| number as f64).collect::<Vec<_>>()
+        }
         if let Some(points) = value.get::<Points>() {
-            let numbers = numbers(0, points.positions().len());
+            let numbers = numbers(0, points.positions().len(), &mut self.counts);
             let mut points = points.clone();
             for kind in &KINDS {
                 points = points.with_attribute(kind.name, (kind.make)(&numbers)).ok()?;
@@ -157,7 +164,11 @@ impl Marks {
         let mesh = value.get::<Mesh>()?;
         let (edges, creases) = (mesh.edges(), mesh.creases().len());
         let counts = [mesh.positions().len(), mesh.faces().corners().len(), mesh.faces().len()];
-        let numbers = [numbers(0, counts[0]), numbers(1, counts[1]), numbers(3, counts[2])];
+        let numbers = [
+            numbers(0, counts[0], &mut self.counts),
+            numbers(1, counts[1], &mut self.counts),
+            numbers(3, counts[2], &mut self.counts),
+        ];
         let mut marked = mesh.clone().without("uv").without("color");
         for kind in &KINDS {
             let is_own = kind.name.starts_with(MARK);
@@ -173,9 +184,11 @@ impl Marks {
         }
         // Those that turn along must be true.
         let normals = mesh.vertex_normals();
-        let normal = |vertex: &u32| normals[*vertex as usize].into();
         let all = Vec::from_iter(0..counts[0] as u32);
-        let at = [&all[..], mesh.faces().corners()][named].iter().map(normal).collect();
+        let at = [&all[..], mesh.faces().corners()][named]
+            .iter()
+            .map(|vertex| normals[*vertex as usize].into())
+            .collect();
         marked = marked.without("normal");
         marked = match named {
             0 => marked.with_vertex("normal", Attribute::Vector(at)).ok()?,
@@ -209,8 +222,12 @@ impl Marks {
             }
         };
         if let Some(normals) = found.vectors("normal") {
-            let is_unit = |[x, y, z]: &[f64; 3]| (x * x + y * y + z * z - 1.0).abs() < 1e-6;
-            let is_none = |normal: &[f64; 3]| *normal == [0.0; 3];
+            fn is_unit([x, y, z]: &[f64; 3]) -> bool {
+                (x * x + y * y + z * z - 1.0).abs() < 1e-6
+            }
+            fn is_none(normal: &[f64; 3]) -> bool {
+                *normal == [0.0; 3]
+            }
             let all = normals.iter().all(|normal| is_unit(normal) || is_none(normal));
             say(!all, "normal", "has vectors that are no directions");
         }
@@ -223,12 +240,18 @@ impl Marks {
         };
         let most = self.counts[domain] as f64;
         let slack = 1e-9 * most;
-        let is_between = |x: f64| 1.0 - slack <= x && x <= most + slack;
-        let is_given = |x: f64| x.fract() == 0.0 && is_between(x);
+        fn is_between(x: f64, slack: f64, most: f64) -> bool {
+            1.0 - slack <= x && x <= most + slack
+        }
+        fn is_given(x: f64, slack: f64, most: f64) -> bool {
+            x.fract() == 0.0 && is_between(x, slack, most)
+        }
         match fate {
             Fate::Dropped => say(true, MARK, "is there"),
-            Fate::Kept => say(!marks.iter().all(|x| is_given(*x)), MARK, "is mixed"),
-            Fate::Interpolated => say(!marks.iter().all(|x| is_between(*x)), MARK, "is outside"),
+            Fate::Kept => say(!marks.iter().all(|x| is_given(*x, slack, most)), MARK, "is mixed"),
+            Fate::Interpolated => {
+                say(!marks.iter().all(|x| is_between(*x, slack, most)), MARK, "is outside")
+            }
         }
         for kind in KINDS[1..].iter().filter(|kind| !own.contains(&kind.name)) {
             let is_own = kind.name.starts_with(MARK);
@@ -246,7 +269,7 @@ impl Marks {
                 let slack = if is_exact { 0.0 } else { 8.0 * slack };
                 say(!is_near(attribute, &follows, slack), kind.name, "is of another element");
             } else {
-                let given = Vec::from_iter((1..=self.counts[domain]).map(|mark| mark as f64));
+                let given: Vec<_> = (1..=self.counts[domain]).map(|mark| mark as f64).collect();
                 say(!is_among(attribute, &(kind.make)(&given)), kind.name, "is new");
             }
         }
@@ -265,11 +288,15 @@ fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
 
 /// Whether all numbers of two attributes of the same kind are that near.
 fn is_near(a: &Attribute, b: &Attribute, slack: f64) -> bool {
-    let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= slack);
+    fn near(a: &[f64], b: &[f64], slack: f64) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() <= slack)
+    }
     match (a, b) {
-        (Attribute::Number(a), Attribute::Number(b)) => near(a, b),
-        (Attribute::Pair(a), Attribute::Pair(b)) => near(a.as_flattened(), b.as_flattened()),
-        (Attribute::Vector(a), Attribute::Vector(b)) => near(a.as_flattened(), b.as_flattened()),
+        (Attribute::Number(a), Attribute::Number(b)) => near(a, b, slack),
+        (Attribute::Pair(a), Attribute::Pair(b)) => near(a.as_flattened(), b.as_flattened(), slack),
+        (Attribute::Vector(a), Attribute::Vector(b)) => {
+            near(a.as_flattened(), b.as_flattened(), slack)
+        }
         _ => a == b,
     }
 }

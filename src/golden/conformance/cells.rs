@@ -19,7 +19,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
         let Some(fate) = carry.cells else { continue };
         let Some(at) = node.outputs.iter().position(|name| *name == carry.output) else { continue };
         let slots = node.links.iter().enumerate().filter(|(_, link)| link.port == carry.port);
-        let slots = Vec::from_iter(slots.map(|(slot, _)| slot));
+        let slots: Vec<_> = slots.map(|(slot, _)| slot).collect();
         let is_range = slots.iter().all(|&slot| good[slot].get::<RangeImage>().is_some());
         let ranges = if is_range { vec![None] } else { others.iter().map(Some).collect() };
         for range in ranges {
@@ -80,17 +80,16 @@ fn wrong(count: u32, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
         // The color of a mesh may be another one's.
         Fate::Dropped => range.map(|_| "`color` is there".into()).into_iter().collect(),
         Fate::Interpolated => {
-            let is_between = |part: usize| {
+            let is_new = !(0..3).all(|part: usize| {
                 let given = || (1..=count).map(|number| color(number)[part]);
                 let (low, high) = (given().min().unwrap_or(0), given().max().unwrap_or(0));
                 colors.iter().all(|color| low <= color[part] && color[part] <= high)
-            };
-            let is_new = !(0..3).all(is_between);
+            });
             is_new.then(|| "`color` is outside".into()).into_iter().collect()
         }
         Fate::Kept => {
-            let number = |&[a, b, c]: &Rgb| u32::from_le_bytes([a, b, c, 0]);
-            let numbers = Vec::from_iter(colors.iter().map(number));
+            let numbers: Vec<_> =
+                colors.iter().map(|&[a, b, c]| u32::from_le_bytes([a, b, c, 0])).collect();
             if !numbers.iter().all(|number| (1..=count).contains(number)) {
                 return vec!["`color` is mixed".into()];
             }
@@ -102,13 +101,20 @@ fn wrong(count: u32, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
                 Some(range) => u8::from(range.is_filled(at)),
                 None => flags.map_or(0, |flags| flags[at]),
             };
-            let follows = |name: &str, found: &dyn Fn(usize) -> u8, mark: fn(u32) -> u8| {
-                let is_wrong = |(at, &number): (usize, &u32)| found(at) != mark(number);
-                let is_wrong = !own.contains(&name) && numbers.iter().enumerate().any(is_wrong);
+            fn follows(
+                name: &str,
+                found: &dyn Fn(usize) -> u8,
+                mark: fn(u32) -> u8,
+                numbers: &[u32],
+                own: &[&str],
+            ) -> Option<String> {
+                let is_wrong = !own.contains(&name)
+                    && numbers.iter().enumerate().any(|(at, &number)| found(at) != mark(number));
                 is_wrong.then(|| format!("`{name}` is of another cell"))
-            };
-            let joins = range.and_then(|range| follows("joined", &|at| range.joined(at), joined));
-            follows("filled", &is_filled, filled).into_iter().chain(joins).collect()
+            }
+            let joins = range
+                .and_then(|range| follows("joined", &|at| range.joined(at), joined, &numbers, own));
+            follows("filled", &is_filled, filled, &numbers, own).into_iter().chain(joins).collect()
         }
     }
 }
@@ -137,10 +143,14 @@ mod tests {
 
     #[test]
     fn one_attribute_that_goes_another_way_is_found() {
-        let gone = |range: RangeImage| RangeImage::new(2, 3, range.points().to_vec()).unwrap();
+        fn gone(range: RangeImage) -> RangeImage {
+            RangeImage::new(2, 3, range.points().to_vec()).unwrap()
+        }
         assert_eq!(said(Fate::Kept, gone), ["`color` is gone"]);
         assert_eq!(said(Fate::Dropped, gone), [""; 0]);
-        let mixed = |range: RangeImage| range.with_colors(vec![[9, 1, 0]; 6]).unwrap();
+        fn mixed(range: RangeImage) -> RangeImage {
+            range.with_colors(vec![[9, 1, 0]; 6]).unwrap()
+        }
         assert_eq!(said(Fate::Kept, mixed), ["`color` is mixed"]);
         assert_eq!(said(Fate::Interpolated, mixed), ["`color` is outside"]);
         let unfilled = |range: RangeImage| range.with_filled(vec![0; 6]).unwrap();

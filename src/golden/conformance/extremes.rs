@@ -47,7 +47,7 @@ pub(super) fn check(
         let paths = set.iter().map(|(path, to)| (format!("{}.{path}", node.name), to.clone()));
         let Some(graph) = load(paths.collect()) else { return };
         if let Err(why) = run(graph, &node.name, inputs) {
-            let set = Vec::from_iter(set.iter().map(|(path, to)| format!("{path}: {to}")));
+            let set: Vec<_> = set.iter().map(|(path, to)| format!("{path}: {to}")).collect();
             broken.push(format!("{} with {}: {why}", case.entry.name, set.join(", ")));
         }
     };
@@ -67,7 +67,7 @@ pub(super) fn check(
         for (input, link) in inputs.iter_mut().zip(&node.links) {
             let port = ports.iter().find(|port| port.name == link.port);
             let kinds = port.iter().flat_map(|port| &port.types);
-            let mut hostile = Vec::from_iter(kinds.flat_map(|kind| case.hostile.values(kind)));
+            let mut hostile: Vec<_> = kinds.flat_map(|kind| case.hostile.values(kind)).collect();
             let chosen = dice.below(2 * hostile.len() + 1);
             if chosen < hostile.len() {
                 *input = hostile.swap_remove(chosen);
@@ -85,11 +85,12 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     std::thread::spawn(move || {
         let Some(index) = graph.find(&name) else { return };
         let progress = Progress { report: None, cancel: Some(&token) };
-        let work = || call(&graph.nodes()[index], &inputs, progress);
         // Its loops would have to wait where others keep all common threads busy.
         let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
         // Nobody may be waiting any more.
-        let _ = send.send(own.and_then(|own| own.install(work)));
+        let _ = send.send(
+            own.and_then(|own| own.install(|| call(&graph.nodes()[index], &inputs, progress))),
+        );
     });
     let ended = receive.recv_timeout(WORK).or_else(|_| {
         cancel.cancel();
@@ -143,16 +144,19 @@ fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Ve
 /// The least and the greatest number that a schema allows, and where it has no end numbers far out; of real numbers also a small one.
 fn ends(schema: &Json) -> Vec<String> {
     let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
-    let bound = |name: &str| schema.get(name).and_then(Json::as_f64);
-    let (least, most) = (bound("minimum"), bound("maximum"));
+    fn bound(name: &str, schema: &Json) -> Option<f64> {
+        schema.get(name).and_then(Json::as_f64)
+    }
+    let (least, most) = (bound("minimum", schema), bound("maximum", schema));
     let ends = match is_whole {
         true => vec![least.unwrap_or(0.0), most.unwrap_or(f64::from(u32::MAX))],
         false => vec![least.unwrap_or(-1e300), 1e-9, most.unwrap_or(1e300)],
     };
-    let is_allowed = |x: &f64| least.is_none_or(|least| least <= *x);
-    let is_allowed = |x: &f64| is_allowed(x) && most.is_none_or(|most| *x <= most);
+    fn is_allowed(x: &f64, least: &Option<f64>) -> bool {
+        least.is_none_or(|least| least <= *x)
+    }
     ends.into_iter()
-        .filter(is_allowed)
+        .filter(|x| is_allowed(x, &least) && most.is_none_or(|most| *x <= most))
         .map(|x| if is_whole { x.to_string() } else { format!("{x:e}") })
         .collect()
 }

@@ -21,18 +21,19 @@ pub(super) fn check(reader: &AnyReader, catalog: &Catalog, broken: &mut Vec<Stri
             Some(files.ok()?.ok()?.swap_remove(0).bytes)
         });
         let noise = [Vec::new(), vec![0; 100], vec![0xff; 100], b"1 ".repeat(100)];
-        let files = Vec::from_iter(noise.into_iter().chain(written));
+        let files: Vec<_> = noise.into_iter().chain(written).collect();
         let damaged = files.iter().flat_map(|file| damaged(file));
-        let reads = |bytes: &[u8]| {
-            let file = Reading::alone(&name, bytes);
-            let read = || {
+        fn reads(bytes: &[u8], name: &str, reader: &AnyReader) -> bool {
+            let file = Reading::alone(name, bytes);
+            catch_unwind(AssertUnwindSafe(|| {
                 reader.ask_companions(&file);
                 drop(reader.call(&file));
-            };
-            catch_unwind(AssertUnwindSafe(read)).is_ok()
-        };
-        let is_bad = |bytes: &Vec<u8>| !reads(bytes);
-        if let Some(bytes) = files.iter().cloned().chain(damaged).find(is_bad) {
+            }))
+            .is_ok()
+        }
+        if let Some(bytes) =
+            files.iter().cloned().chain(damaged).find(|bytes| !reads(bytes, &name, reader))
+        {
             let start = String::from_utf8_lossy(&bytes[..bytes.len().min(60)]).into_owned();
             let (kind, count) = (kind.name, bytes.len());
             broken.push(format!(

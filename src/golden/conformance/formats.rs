@@ -14,8 +14,11 @@ const PIECES: [usize; 3] = [1, 61, 4099];
 /// Checks a format with the hostile values of its type.
 pub(super) fn check(format: &Format, broken: &mut Vec<String>) {
     for value in (format.kind)().hostile() {
-        let wrong = || wrong(format, &value).or_else(|| mistaken(format, &value));
-        if let Some(why) = catch_unwind(AssertUnwindSafe(wrong)).unwrap_or(None) {
+        if let Some(why) = catch_unwind(AssertUnwindSafe(|| {
+            wrong(format, &value).or_else(|| mistaken(format, &value))
+        }))
+        .unwrap_or(None)
+        {
             broken.push(format!("`.{}`: {why}, with {value:?}", format.ending));
         }
     }
@@ -130,11 +133,13 @@ mod tests {
             _: Option<&maquette_node::provenance::Signature>,
         ) -> Result<Option<Content<'a>>, Error> {
             let bytes = Self::write(mesh, "")?.remove(0).bytes;
-            let fill = move |place: usize, piece: &mut [u8]| {
-                piece.copy_from_slice(&bytes[place..][..piece.len()]);
-            };
             let len = size_of_val(&mesh.positions()[..]);
-            Ok(Some(Content::pieces(len, fill).made_of(|_| Hash::of(b"mesh"))))
+            Ok(Some(
+                Content::pieces(len, move |place: usize, piece: &mut [u8]| {
+                    piece.copy_from_slice(&bytes[place..][..piece.len()]);
+                })
+                .made_of(|_| Hash::of(b"mesh")),
+            ))
         }
     }
 

@@ -39,11 +39,10 @@ pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
 
 /// Whether a later migration takes up the name that a field got.
 fn is_renamed(pack: &Pack, old: &str, new: &str) -> bool {
-    let takes_up = |it: &Migration| match *it {
+    pack.migrations.iter().any(|it| match *it {
         Migration::Field { old: again, .. } => again == new && again != old,
         Migration::Node { .. } => false,
-    };
-    pack.migrations.iter().any(takes_up)
+    })
 }
 
 fn has(entry: &Entry, field: &str) -> bool {

@@ -12,7 +12,7 @@ pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) 
     let ports = entry.ports();
     let types_of = |port: &str| {
         let types = ports.iter().find(|known| known.name == port)?.types.iter();
-        Some(Vec::from_iter(types.filter_map(|kind| catalog.value_type(kind))))
+        Some(types.filter_map(|kind| catalog.value_type(kind)).collect::<Vec<_>>())
     };
     for term in entry.terms() {
         let output = entry.outputs().iter().find(|output| output.name == term.at);
@@ -21,10 +21,9 @@ pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) 
             Some(Source::From(port)) => types_of(port).and(output.map(|it| it.types.clone())),
             Some(_) => output.map(|it| it.types.clone()),
         };
-        let is_known = |types: Vec<&maquette_value::ValueType>| {
+        if !types.is_some_and(|types: Vec<&maquette_value::ValueType>| {
             types.iter().any(|kind| kind.property(term.property).is_some())
-        };
-        if !types.is_some_and(is_known) {
+        }) {
             let (name, at, words) = (&entry.name, term.at, term.in_words());
             broken.push(format!("{name} says `{words}` of `{at}`, but a port, an output or the property is not there"));
         }
@@ -52,12 +51,19 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
 fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<String>) {
     let node = &case.graph.nodes()[case.index];
     let promises = node.node.promises();
-    let has = |port: &str, property: &str| {
-        let values = node.links.iter().zip(given).filter(|(link, _)| link.port == port);
+    fn has(
+        port: &str,
+        property: &str,
+        given: &[AnyValue],
+        node_links: &[maquette_graph::Link],
+    ) -> bool {
+        let values = node_links.iter().zip(given).filter(|(link, _)| link.port == port);
         values.map(|(_, value)| value).all(|value| value.offence(property).is_none())
-    };
+    }
     let wants = node.node.wants();
-    if promises.is_empty() || !wants.iter().all(|(port, property)| has(port, property)) {
+    if promises.is_empty()
+        || !wants.iter().all(|(port, property)| has(port, property, given, &node.links))
+    {
         return;
     }
     let Ok(Some(made)) = made(node, given, Progress::none()) else { return };
@@ -65,7 +71,7 @@ fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<Strin
         let Some(at) = node.outputs.iter().position(|name| *name == output) else { continue };
         let offence = made[at].offence(property);
         let is_kept = match source {
-            Source::From(port) => offence.is_none() || !has(port, property),
+            Source::From(port) => offence.is_none() || !has(port, property, given, &node.links),
             Source::Always => offence.is_none(),
             Source::Never => offence.is_some() || made[at].offence("NonEmpty").is_some(),
         };

@@ -34,7 +34,7 @@ pub(super) fn check(
         Some(0) => tell("gives something for what has not changed, and for nothing else".into()),
         Some(_) => {}
     }
-    let normals = Vec::from_iter(good.iter().map(with_normals));
+    let normals: Vec<_> = good.iter().map(with_normals).collect();
     for graph in others {
         for good in [&good, &normals] {
             follows(&graph.nodes()[case.index], good, &|_| Vec::new(), &mut tell);
@@ -117,7 +117,9 @@ fn agrees(node: &GraphNode, now: &[AnyValue], previous: &Previous<'_>) -> Result
     let (Some((made, warnings)), Some((expected, doubts))) = (updated, evaluated(node, now)) else {
         return Ok(false);
     };
-    let hashes = |values: Vec<AnyValue>| Vec::<Hash>::from_iter(values.iter().map(AnyValue::hash));
+    fn hashes(values: Vec<AnyValue>) -> Vec<Hash> {
+        Vec::<Hash>::from_iter(values.iter().map(AnyValue::hash))
+    }
     let (made, expected) = (made.map(hashes), expected.map(hashes));
     if made != expected {
         return Err(format!("gives {made:?} instead of {expected:?}"));

@@ -26,27 +26,32 @@ pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
 
 /// Checks one value as it is; whether it can be made of its parts.
 fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
-    let law = |law: &str| format!("{}: {law}, with {value:?}", value.kind().name);
+    fn law(law: &str, value: &AnyValue) -> String {
+        format!("{}: {law}, with {value:?}", value.kind().name)
+    }
     if quietly(|| (value.describe(), value.probe([0, 0]), value.show())).is_none() {
-        broken.push(law("`describe`, `probe` or `show` panics"));
+        broken.push(law("`describe`, `probe` or `show` panics", value));
     }
     let Some(parts) = quietly(|| value.parts()) else {
-        broken.push(law("`parts` panics"));
+        broken.push(law("`parts` panics", value));
         return false;
     };
-    let odd = |part: &&Part<'_>| part.width == 0 || !part.items.len().is_multiple_of(part.width);
-    if let Some(part) = parts.columns.iter().find(odd) {
-        broken.push(law(&format!("the elements of its part `{}` are not whole", part.name)));
+    if let Some(part) = parts
+        .columns
+        .iter()
+        .find(|part| part.width == 0 || !part.items.len().is_multiple_of(part.width))
+    {
+        broken.push(law(&format!("the elements of its part `{}` are not whole", part.name), value));
         return false;
     }
     match made(value, &parts) {
         Made::Nothing(PartsError::Never { .. }) => {}
         Made::Nothing(error) => {
-            broken.push(law(&format!("its own parts make no value, because {error}")));
+            broken.push(law(&format!("its own parts make no value, because {error}"), value));
         }
         Made::Value(hash) if hash == value.hash() => return true,
-        Made::Value(_) => broken.push(law("its own parts make another value")),
-        Made::Panic => broken.push(law("`from_parts` panics on its own parts")),
+        Made::Value(_) => broken.push(law("its own parts make another value", value)),
+        Made::Panic => broken.push(law("`from_parts` panics on its own parts", value)),
     }
     false
 }
@@ -247,7 +252,9 @@ mod tests {
     }
 
     fn ordinary() -> Vec<AnyValue> {
-        let knots = |n| KnotVector::uniform(n, 3).unwrap();
+        fn knots(n: usize) -> KnotVector {
+            KnotVector::uniform(n, 3).unwrap()
+        }
         let range = RangeImage::new(4, 3, points(12)).unwrap();
         let range = range.with_filled((0..12).map(|k| k % 2).collect()).unwrap();
         let range = range.with_joined((0..12).collect()).unwrap();

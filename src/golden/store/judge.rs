@@ -74,8 +74,11 @@ impl Golden {
             }
             return Comparison::new(reasons, Vec::new());
         };
-        let is_same = |part: &GoldenColumn| self.sketch(part) == Some(Sketch::of(&part.numbers));
-        let same = Vec::from_iter(parts.columns.iter().map(is_same));
+        let same: Vec<_> = parts
+            .columns
+            .iter()
+            .map(|part| self.sketch(part) == Some(Sketch::of(&part.numbers)))
+            .collect();
         let (told, mut measures) = self.measure(value, &parts, &same, tolerance);
         reasons.extend(told);
         if !reasons.is_empty() && !tolerance.remeshed {
@@ -86,15 +89,16 @@ impl Golden {
         }
         if self.stride() > 1 {
             // Where sums over all numbers of a column were judged, its range tells nothing more.
-            let lax = |name: &str| parts.column(name).is_some_and(|part| is_lax(part, tolerance));
-            let says_more = |line: &&Line| {
+            fn lax(name: &str, parts: &GoldenParts, tolerance: &Tolerance) -> bool {
+                parts.column(name).is_some_and(|part| is_lax(part, tolerance))
+            }
+            reasons.extend(self.changed_numbers(now.iter().filter(|line| {
                 let column = line
                     .text
                     .contains(" .. ")
                     .then(|| parts.columns.iter().find(|part| line.label.starts_with(&part.name)));
-                column.flatten().is_none_or(|part| lax(&part.name))
-            };
-            reasons.extend(self.changed_numbers(now.iter().filter(says_more)));
+                column.flatten().is_none_or(|part| lax(&part.name, &parts, tolerance))
+            })));
         }
         if same.iter().all(|same| *same) && reasons.is_empty() {
             reasons.push(NOTHING_COMPARED.into());
@@ -142,7 +146,9 @@ impl Golden {
                 }
                 None => told.push(format!("`{}` is new", part.name)),
                 Some(old) if old.part.count != part.count || old.part.width != part.width => {
-                    let size = |part: &GoldenColumn| format!("{} x {}", part.count, part.width);
+                    fn size(part: &GoldenColumn) -> String {
+                        format!("{} x {}", part.count, part.width)
+                    }
                     let (before, now) = (size(&old.part), size(part));
                     told.push(format!("`{}`: {before} entries became {now}", part.name));
                 }
@@ -153,8 +159,7 @@ impl Golden {
                 Some(old) => measures.push(self.measure_column(old, part, kept, tolerance)),
             }
         }
-        let is_gone = |column: &&Column| parts.column(&column.part.name).is_none();
-        let gone = kept.columns.iter().filter(is_gone);
+        let gone = kept.columns.iter().filter(|column| parts.column(&column.part.name).is_none());
         told.extend(gone.map(|column| format!("`{}` is gone", column.part.name)));
         (told, measures)
     }
@@ -211,12 +216,14 @@ impl Golden {
             && !is_forgiven
             && (most == 0.0 && error > 0.0 || has_moved && most < reach)
         {
-            let in_unit = |x: f64| in_unit(x, measure.unit);
+            fn written(x: f64, measure_unit: &str) -> String {
+                in_unit(x, measure_unit)
+            }
             measure.broken = format!(
                 "`{}` differs by more than {}, which is allowed, but nowhere by more than {}",
                 new.name,
-                in_unit(most),
-                in_unit(measure.max + measure.error)
+                written(most, measure.unit),
+                written(measure.max + measure.error, measure.unit)
             );
         }
         if old.part.stride > 1 && !is_lax(new, tolerance) && !is_sure {
@@ -251,15 +258,15 @@ impl Golden {
     /// Counts and kinds that are not as they were.
     fn changed_facts(&self, now: &[Line], tolerance: &Tolerance) -> Vec<String> {
         const OWN: [&str; 6] = ["hash", "hash without order", FORM, "kept", KEPT_FOR, BECAUSE];
-        let by_itself = |label: &str| {
+        fn by_itself(label: &str) -> bool {
             OWN.contains(&label)
                 || ["file ", "needed ", KEPT_IN, SKETCH]
                     .iter()
                     .any(|start| label.starts_with(start))
-        };
+        }
         let is_number =
             |label: &str| now.iter().any(|line| line.label == label && line.slack.is_some());
-        let about_faces = |label: &str| {
+        fn about_faces(label: &str) -> bool {
             [
                 "vertices",
                 "edges",
@@ -272,32 +279,40 @@ impl Golden {
                 "corners of a face",
             ]
             .contains(&label)
-        };
-        let lax = |label: &str| tolerance.remeshed && about_faces(label);
+        }
+        fn lax(label: &str, tolerance_remeshed: bool) -> bool {
+            tolerance_remeshed && about_faces(label)
+        }
         let old = self.lines.iter().filter(|(label, text)| {
             // A column that is gone is reported as a whole, without its numbers.
-            !by_itself(label) && !is_number(label) && !lax(label) && !text.contains(" .. ")
+            !by_itself(label)
+                && !is_number(label)
+                && !lax(label, tolerance.remeshed)
+                && !text.contains(" .. ")
         });
-        let new = now
-            .iter()
-            .filter(|line| line.slack.is_none() && !by_itself(&line.label) && !lax(&line.label));
+        let new = now.iter().filter(|line| {
+            line.slack.is_none() && !by_itself(&line.label) && !lax(&line.label, tolerance.remeshed)
+        });
         let new: Vec<_> = new.map(|line| (line.label.clone(), line.text.clone())).collect();
         different_facts(&old.cloned().collect::<Vec<_>>(), &new)
     }
 
     /// Statistics that are not as they were.
     fn changed_numbers<'a>(&self, now: impl Iterator<Item = &'a Line>) -> Vec<String> {
-        let numbers = |text: &str| -> Vec<f64> {
+        fn numbers(text: &str) -> Vec<f64> {
             let words = text.split([' ', ',']).filter(|word| !word.is_empty());
             words.filter_map(|word| word.parse().ok()).collect()
-        };
+        }
         let mut reasons = Vec::new();
         for Line { label, text, slack } in now {
             let (Some(slack), Some(before)) = (slack, self.line(label)) else { continue };
             let (old, new) = (numbers(before), numbers(text));
             // Six digits are kept of each number.
-            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= slack + 1e-5 * a.abs().max(b.abs());
-            if old.len() != new.len() || !old.iter().zip(&new).all(near) {
+            if old.len() != new.len()
+                || !old.iter().zip(&new).all(|(a, b): (&f64, &f64)| {
+                    (a - b).abs() <= slack + 1e-5 * a.abs().max(b.abs())
+                })
+            {
                 reasons.push(format!("{label}: {before} -> {text}"));
             }
         }
@@ -349,19 +364,22 @@ impl Column {
 
 /// The parts of a value that was kept as a picture, by those of one of its type.
 fn as_kept(picture: &Image, like: &GoldenParts) -> GoldenParts {
-    let column = |part: &GoldenColumn| {
-        let pixels = picture.pixels();
-        let numbers = match part.class {
-            Class::Exact => {
-                pixels.iter().map(|pixel| f64::from(u8::from(pixel[0] > 127))).collect()
-            }
-            _ => pixels.as_flattened().iter().map(|&level| f64::from(level)).collect(),
-        };
-        GoldenColumn::new(&part.name, part.class, part.width, numbers)
-    };
     GoldenParts {
         facts: Vec::new(),
-        columns: like.columns.iter().map(column).collect(),
+        columns: like
+            .columns
+            .iter()
+            .map(|part| {
+                let pixels = picture.pixels();
+                let numbers = match part.class {
+                    Class::Exact => {
+                        pixels.iter().map(|pixel| f64::from(u8::from(pixel[0] > 127))).collect()
+                    }
+                    _ => pixels.as_flattened().iter().map(|&level| f64::from(level)).collect(),
+                };
+                GoldenColumn::new(&part.name, part.class, part.width, numbers)
+            })
+            .collect(),
         row: Some(picture.width()),
     }
 }
@@ -397,17 +415,21 @@ mod tests {
 
     /// A sheet so rough that only some of it is kept.
     fn rough() -> Mesh {
-        let at = |k: u32| {
-            // Pseudo-random: the output function of MurmurHash3 (Appleby, 2011).
-            let mixed = (k ^ k >> 16).wrapping_mul(0x85eb_ca6b);
-            let mixed = (mixed ^ mixed >> 13).wrapping_mul(0xc2b2_ae35);
-            let rough = f64::from((mixed ^ mixed >> 16) >> 20) / 4096.0;
-            Point3::new(f64::from(k % 120) + rough, f64::from(k / 120), 3.0 * rough)
-        };
         let quads = (0..119).flat_map(|row| (0..119).map(move |column| row * 120 + column));
         let faces = quads.flat_map(|a| [[a, a + 1, a + 120], [a + 1, a + 121, a + 120]]);
-        Mesh::new((0..14_400).map(at).collect::<Vec<_>>(), Faces::triangles(faces.collect()))
-            .unwrap()
+        Mesh::new(
+            (0..14_400)
+                .map(|k: u32| {
+                    // Pseudo-random: the output function of MurmurHash3 (Appleby, 2011).
+                    let mixed = (k ^ k >> 16).wrapping_mul(0x85eb_ca6b);
+                    let mixed = (mixed ^ mixed >> 13).wrapping_mul(0xc2b2_ae35);
+                    let rough = f64::from((mixed ^ mixed >> 16) >> 20) / 4096.0;
+                    Point3::new(f64::from(k % 120) + rough, f64::from(k / 120), 3.0 * rough)
+                })
+                .collect::<Vec<_>>(),
+            Faces::triangles(faces.collect()),
+        )
+        .unwrap()
     }
 
     fn moved(mesh: &Mesh, vertex: usize, by: f64) -> AnyValue {
@@ -471,10 +493,12 @@ mod tests {
     #[test]
     fn a_surface_is_measured_on_both_sides_although_its_faces_are_others() {
         let mesh = rough();
-        let lax = |max| Tolerance { remeshed: true, max: Some(max), ..Tolerance::default() };
+        fn lax(max: f64) -> Tolerance {
+            Tolerance { remeshed: true, max: Some(max), ..Tolerance::default() }
+        }
         let golden = kept_by(&AnyValue::new(mesh.clone()), &lax(0.5));
         // One vertex is pulled out, and a face is split there.
-        let changed = |by: f64| {
+        fn changed(by: f64, mesh: &Mesh) -> AnyValue {
             let mut positions = mesh.positions().to_vec();
             let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
             let [a, b, c] = faces[7000];
@@ -486,10 +510,10 @@ mod tests {
             faces[7000] = [a, b, new];
             faces.extend([[b, c, new], [c, a, new]]);
             AnyValue::new(Mesh::new(positions, Faces::triangles(faces)).unwrap())
-        };
-        let far = golden.compare(&changed(40.0), &[], &lax(0.5));
+        }
+        let far = golden.compare(&changed(40.0, &mesh), &[], &lax(0.5));
         assert!(far.reasons[0].contains("surface, new to old"), "{far:?}");
-        assert_eq!(golden.compare(&changed(0.3), &[], &lax(0.5)).verdict, Verdict::Within);
+        assert_eq!(golden.compare(&changed(0.3, &mesh), &[], &lax(0.5)).verdict, Verdict::Within);
     }
 
     #[test]
@@ -500,17 +524,22 @@ mod tests {
         (faces[500], faces[501]) = ([a, b, c], [a, c, d]);
         let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         let comparison = compare(&AnyValue::new(mesh), &AnyValue::new(other));
-        let told = |what: &str| comparison.reasons.iter().any(|why| why.starts_with(what));
-        assert!(told("2 faces join other vertices"), "{comparison:?}");
-        assert!(told("`surface, old to new` differs by 0.2"), "{comparison:?}");
+        fn told(what: &str, comparison_reasons: &[String]) -> bool {
+            comparison_reasons.iter().any(|why| why.starts_with(what))
+        }
+        assert!(told("2 faces join other vertices", &comparison.reasons), "{comparison:?}");
+        assert!(
+            told("`surface, old to new` differs by 0.2", &comparison.reasons),
+            "{comparison:?}"
+        );
     }
 
     #[test]
     fn one_pixel_is_seen() {
-        let mask = |pixel| {
+        fn mask(pixel: i32) -> AnyValue {
             let pixels = (0..10_000).map(|k| u8::from(k == pixel)).collect();
             AnyValue::new(Mask::new(100, 100, pixels).unwrap())
-        };
+        }
         let comparison = compare(&mask(17), &mask(18));
         assert_eq!(comparison.verdict, Verdict::Different);
         assert_eq!(comparison.reasons.len(), 1, "{comparison:?}");
@@ -519,22 +548,34 @@ mod tests {
 
     #[test]
     fn what_no_column_holds_is_not_overlooked() {
-        let frame = |z: f64| CaptureFrame {
-            camera: None,
-            picture: [4, 3],
-            depth: 5.0,
-            world_from_camera: Some(Matrix4::identity() * z),
-        };
-        let mesh = |z| AnyValue::new(rough().with_frame(Some(frame(z))));
+        fn frame(z: f64) -> CaptureFrame {
+            CaptureFrame {
+                camera: None,
+                picture: [4, 3],
+                depth: 5.0,
+                world_from_camera: Some(Matrix4::identity() * z),
+            }
+        }
+        fn mesh(z: f64) -> AnyValue {
+            AnyValue::new(rough().with_frame(Some(frame(z))))
+        }
         let comparison = compare(&mesh(1.0), &mesh(2.0));
         assert_eq!(comparison.verdict, Verdict::Different, "{comparison:?}");
     }
 
     #[test]
     fn a_kept_surface_is_a_mesh_again() {
-        let at = |k: usize| Point3::new((k % 4) as f64, (k / 4) as f64, (k * k % 5) as f64);
-        let net = ControlNet::new(3, 4, (0..12).map(at).collect::<Vec<_>>()).unwrap();
-        let knots = |n| KnotVector::uniform(n, 3).unwrap();
+        let net = ControlNet::new(
+            3,
+            4,
+            (0..12)
+                .map(|k: usize| Point3::new((k % 4) as f64, (k / 4) as f64, (k * k % 5) as f64))
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
+        fn knots(n: usize) -> KnotVector {
+            KnotVector::uniform(n, 3).unwrap()
+        }
         let surface = Surface::new(net, knots(3), knots(4)).unwrap();
         let mesh = surface.tessellate(0, 0).unwrap();
         assert_eq!(kept(&AnyValue::new(surface)).mesh().unwrap(), mesh);
@@ -569,15 +610,19 @@ mod tests {
 
     #[test]
     fn columns_that_are_only_called_like_faces_are_numbers() {
-        let bends = |first: f64| AnyValue::new(Bends(vec![first, -7.25, 1e9].into()));
+        fn bends(first: f64) -> AnyValue {
+            AnyValue::new(Bends(vec![first, -7.25, 1e9].into()))
+        }
         for tolerance in [Tolerance::default(), sampled()] {
             let golden = kept_by(&bends(0.5), &tolerance);
             let column = &golden.kept().unwrap().column("corners").unwrap().part;
             assert_eq!((column.faces, column.count), (false, 3));
             assert!((column.numbers[1] + 7.25).abs() < 1e-3, "{column:?}");
-            let verdict = |value| golden.compare(&value, &[], &tolerance).verdict;
-            assert_eq!(verdict(bends(0.5)), Verdict::Identical);
-            assert_eq!(verdict(bends(1e8)), Verdict::Different);
+            fn verdict(value: AnyValue, golden: &Golden, tolerance: &Tolerance) -> Verdict {
+                golden.compare(&value, &[], tolerance).verdict
+            }
+            assert_eq!(verdict(bends(0.5), &golden, &tolerance), Verdict::Identical);
+            assert_eq!(verdict(bends(1e8), &golden, &tolerance), Verdict::Different);
         }
     }
 }

@@ -75,26 +75,27 @@ fn default_bound(diagonal: f64) -> f64 {
 }
 
 fn diagonal(points: &[Point3<f64>]) -> f64 {
-    let corner = |pick: fn(f64, f64) -> f64, start: f64| {
+    fn corner(pick: fn(f64, f64) -> f64, start: f64, points: &[Point3<f64>]) -> Vector3<f64> {
         points
             .iter()
             .filter(|p| p.x.is_finite())
             .fold(Vector3::repeat(start), |corner, p| corner.zip_map(&p.coords, pick))
-    };
-    (corner(f64::max, f64::NEG_INFINITY) - corner(f64::min, f64::INFINITY)).norm()
+    }
+    (corner(f64::max, f64::NEG_INFINITY, points) - corner(f64::min, f64::INFINITY, points)).norm()
 }
 
 /// Points of a rough sheet far from the origin.
 fn places(rows: usize, columns: usize) -> Vec<Point3<f64>> {
-    let place = |k: usize| {
-        let (x, y) = ((k % columns) as f64, (k / columns) as f64);
-        Point3::new(
-            500.0 + x + 0.6 * chance(3 * k),
-            y + 0.6 * chance(3 * k + 1),
-            3.0 * chance(3 * k + 2),
-        )
-    };
-    (0..rows * columns).map(place).collect()
+    (0..rows * columns)
+        .map(|k: usize| {
+            let (x, y) = ((k % columns) as f64, (k / columns) as f64);
+            Point3::new(
+                500.0 + x + 0.6 * chance(3 * k),
+                y + 0.6 * chance(3 * k + 1),
+                3.0 * chance(3 * k + 2),
+            )
+        })
+        .collect()
 }
 
 fn shifted(points: &[Point3<f64>], place: usize, by: f64) -> Vec<Point3<f64>> {
@@ -166,16 +167,18 @@ fn a_move_far_below_the_bound_is_no_difference() {
 fn attributes_and_normals_are_judged_at_their_bounds() {
     let plain = mesh();
     let counts = [plain.positions().len(), plain.faces().corners().len(), plain.faces().len()];
-    let numbers = |count: usize| -> Vec<f64> { (0..count).map(|k| 7.0 * chance(k)).collect() };
+    fn numbers(count: usize) -> Vec<f64> {
+        (0..count).map(|k| 7.0 * chance(k)).collect()
+    }
     for (of, count) in counts.into_iter().enumerate() {
-        let with = |numbers: Vec<f64>| {
+        fn with(numbers: Vec<f64>, plain: &Mesh, of: usize) -> AnyValue {
             let heat = Attribute::Number(numbers.into());
             AnyValue::new(match of {
                 0 => plain.clone().with_vertex("heat", heat).unwrap(),
                 1 => plain.clone().with_corner("heat", heat).unwrap(),
                 _ => plain.clone().with_face("heat", heat).unwrap(),
             })
-        };
+        }
         let low = numbers(count).into_iter().fold(f64::INFINITY, f64::min);
         let range = numbers(count).into_iter().fold(0.0, f64::max) - low;
         for bound in [1e-4, default_bound(range)] {
@@ -186,36 +189,48 @@ fn attributes_and_normals_are_judged_at_their_bounds() {
                 },
                 _ => Tolerance::default(),
             };
-            check("heat", with(numbers(count)), &tolerance, (count, bound), |place, by| {
-                let mut numbers = numbers(count);
-                numbers[place] -= by;
-                with(numbers)
-            });
+            check(
+                "heat",
+                with(numbers(count), &plain, of),
+                &tolerance,
+                (count, bound),
+                |place, by| {
+                    let mut numbers = numbers(count);
+                    numbers[place] -= by;
+                    with(numbers, &plain, of)
+                },
+            );
         }
     }
     let normals: Vec<[f64; 3]> = (0..counts[0])
         .map(|k| Vector3::new(chance(k) - 0.5, chance(k + 1) - 0.5, 1.0).normalize().into())
         .collect();
-    let with = |normals: Vec<[f64; 3]>| {
+    fn with(normals: Vec<[f64; 3]>, plain: &Mesh) -> AnyValue {
         AnyValue::new(
             plain.clone().with_vertex("normal", Attribute::Vector(normals.into())).unwrap(),
         )
-    };
+    }
     for bound in [2.0, 1e-3, 1e-9f64.to_degrees()] {
         let tolerance = if bound < 1e-6 {
             Tolerance::default()
         } else {
             Tolerance { normals: Some(bound), ..Tolerance::default() }
         };
-        check("normal", with(normals.clone()), &tolerance, (counts[0], bound), |place, by| {
-            let mut normals = normals.clone();
-            let normal = Vector3::from(normals[place]);
-            let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
-            // Beyond half a turn there is nothing farther.
-            let angle = by.min(170.0).to_radians();
-            normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
-            with(normals)
-        });
+        check(
+            "normal",
+            with(normals.clone(), &plain),
+            &tolerance,
+            (counts[0], bound),
+            |place, by| {
+                let mut normals = normals.clone();
+                let normal = Vector3::from(normals[place]);
+                let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
+                // Beyond half a turn there is nothing farther.
+                let angle = by.min(170.0).to_radians();
+                normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
+                with(normals, &plain)
+            },
+        );
     }
 }
 
@@ -227,9 +242,15 @@ fn grids_and_lists_of_places_are_judged_at_their_bounds() {
         .map(|k| if k % 7 == 3 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { points[k] })
         .collect();
     let near = &points[..1800];
-    let knots = |n| KnotVector::uniform(n, 3).unwrap();
-    let net = |points: Vec<Point3<f64>>| ControlNet::new(30, 60, points).unwrap();
-    let polyline = |points: Vec<Point3<f64>>| Curve::polyline(points, false).unwrap();
+    fn knots(n: usize) -> KnotVector {
+        KnotVector::uniform(n, 3).unwrap()
+    }
+    fn net(points: Vec<Point3<f64>>) -> ControlNet {
+        ControlNet::new(30, 60, points).unwrap()
+    }
+    fn polyline(points: Vec<Point3<f64>>) -> Curve {
+        Curve::polyline(points, false).unwrap()
+    }
     let range = |points: Vec<Point3<f64>>| AnyValue::new(RangeImage::new(60, 90, points).unwrap());
     let cloud = |points: Vec<Point3<f64>>| AnyValue::new(Points::new(points).unwrap());
     type Make<'a> = &'a dyn Fn(Vec<Point3<f64>>) -> AnyValue;
@@ -263,7 +284,9 @@ fn grids_and_lists_of_places_are_judged_at_their_bounds() {
 #[test]
 fn fields_are_judged_at_their_bounds() {
     let pixels: Vec<f32> = (0..6400).map(|k| chance(k) as f32 * 8.0).collect();
-    let field = |pixels: Vec<f32>| AnyValue::new(Field::new(80, 80, pixels).unwrap());
+    fn field(pixels: Vec<f32>) -> AnyValue {
+        AnyValue::new(Field::new(80, 80, pixels).unwrap())
+    }
     check("field", field(pixels.clone()), &within(0.25), (6400, 0.25), |place, by| {
         let mut pixels = pixels.clone();
         pixels[place] += by as f32;
@@ -277,12 +300,14 @@ fn pixels_are_judged_by_level_and_share() {
     let n = width * height;
     let colors: Vec<[u8; 3]> =
         (0..n).map(|k| [0, 1, 2].map(|c| (100.0 * chance(3 * k + c)) as u8)).collect();
-    let picture = |colors: Vec<[u8; 3]>| AnyValue::new(Image::new(width, height, colors).unwrap());
+    fn picture(colors: Vec<[u8; 3]>, width: usize, height: usize) -> AnyValue {
+        AnyValue::new(Image::new(width, height, colors).unwrap())
+    }
     let level = Tolerance { level: 10.0, ..Tolerance::default() };
-    check("level", picture(colors.clone()), &level, (n, 10.0), |place, by| {
+    check("level", picture(colors.clone(), width, height), &level, (n, 10.0), |place, by| {
         let mut colors = colors.clone();
         colors[place][1] = colors[place][1].saturating_add(by.min(255.0) as u8);
-        picture(colors)
+        picture(colors, width, height)
     });
     let some = Tolerance { differing: 0.05, ..Tolerance::default() };
     // So many pixels from one on, around the end.
@@ -290,31 +315,41 @@ fn pixels_are_judged_by_level_and_share() {
         let many = (share.min(1.0) * n as f64).round() as usize;
         (0..many).map(move |k| (from + k) % n)
     };
-    check("differing", picture(colors.clone()), &some, (n, 0.05), |from, share| {
+    check("differing", picture(colors.clone(), width, height), &some, (n, 0.05), |from, share| {
         let mut colors = colors.clone();
         changed(from, share).for_each(|pixel| colors[pixel][2] += 1);
-        picture(colors)
+        picture(colors, width, height)
     });
     let inside: Vec<u8> = (0..n).map(|k| u8::from(chance(k) > 0.5)).collect();
-    let mask = |inside: Vec<u8>| AnyValue::new(Mask::new(width, height, inside).unwrap());
-    check("mask", mask(inside.clone()), &some, (n, 0.05), |from, share| {
+    fn mask(inside: Vec<u8>, width: usize, height: usize) -> AnyValue {
+        AnyValue::new(Mask::new(width, height, inside).unwrap())
+    }
+    check("mask", mask(inside.clone(), width, height), &some, (n, 0.05), |from, share| {
         let mut inside = inside.clone();
         changed(from, share).for_each(|pixel| inside[pixel] = 1 - inside[pixel]);
-        mask(inside)
+        mask(inside, width, height)
     });
     let label: Vec<u32> = (0..n).map(|k| (k / 1000) as u32).collect();
-    let labels = |label: Vec<u32>| AnyValue::new(Labels::new(width, height, label).unwrap());
-    check("labels", labels(label.clone()), &some, (n - 1000, 0.05), |from, share| {
-        let mut label = label.clone();
-        // The first pixels of all labels stay, so that they keep their numbers.
-        let (from, many) = (1000 + from, (share.min(1.0) * n as f64).round() as usize);
-        let free =
-            (0..n).map(|k| (from + k) % n).filter(|pixel| pixel % 1000 >= 1 && *pixel >= 1000);
-        for pixel in free.take(many) {
-            label[pixel] = if label[pixel] == 1 { 2 } else { 1 };
-        }
-        labels(label)
-    });
+    fn labels(label: Vec<u32>, width: usize, height: usize) -> AnyValue {
+        AnyValue::new(Labels::new(width, height, label).unwrap())
+    }
+    check(
+        "labels",
+        labels(label.clone(), width, height),
+        &some,
+        (n - 1000, 0.05),
+        |from, share| {
+            let mut label = label.clone();
+            // The first pixels of all labels stay, so that they keep their numbers.
+            let (from, many) = (1000 + from, (share.min(1.0) * n as f64).round() as usize);
+            let free =
+                (0..n).map(|k| (from + k) % n).filter(|pixel| pixel % 1000 >= 1 && *pixel >= 1000);
+            for pixel in free.take(many) {
+                label[pixel] = if label[pixel] == 1 { 2 } else { 1 };
+            }
+            labels(label, width, height)
+        },
+    );
 }
 
 #[test]
@@ -322,12 +357,15 @@ fn one_pixel_and_one_corner_are_seen_where_nothing_is_allowed() {
     let (width, height) = (200, 150);
     let colors: Vec<[u8; 3]> =
         (0..width * height).map(|k| [0, 1, 2].map(|c| (255.0 * chance(3 * k + c)) as u8)).collect();
-    let picture = |colors: Vec<[u8; 3]>| AnyValue::new(Image::new(width, height, colors).unwrap());
-    let golden = kept(&picture(colors.clone()), &Tolerance::default());
+    fn picture(colors: Vec<[u8; 3]>, width: usize, height: usize) -> AnyValue {
+        AnyValue::new(Image::new(width, height, colors).unwrap())
+    }
+    let golden = kept(&picture(colors.clone(), width, height), &Tolerance::default());
     for place in [0, 1, 200, 7777, width * height - 1] {
         let mut colors = colors.clone();
         colors[place][0] ^= 1;
-        let comparison = golden.compare(&picture(colors), &[], &Tolerance::default());
+        let comparison =
+            golden.compare(&picture(colors, width, height), &[], &Tolerance::default());
         assert_eq!(comparison.verdict, Verdict::Different);
         let at = format!("worst at column {}, row {}:", place % width, place / width);
         assert!(comparison.reasons[0].contains(&at), "{comparison:?}");

@@ -66,12 +66,11 @@ fn rounded(part: &GoldenColumn, precision: &Precision) -> Whole {
     let mut whole = Whole { width: part.width, ..Whole::default() };
     for element in part.numbers.chunks(part.width) {
         let is_odd = precision.is_odd(element, finest);
-        let round = |x: &f64| match is_odd {
+        whole.numbers.extend(element.iter().map(|x| match is_odd {
             true if x.is_nan() => f64::NAN.to_bits() as i64,
             true => x.to_bits() as i64,
             false => (x / step).round() as i64,
-        };
-        whole.numbers.extend(element.iter().map(round));
+        }));
         whole.odd.push(is_odd);
     }
     whole
@@ -97,8 +96,10 @@ impl Mesh {
         let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
         // Other columns with as many elements cost some bytes more at most.
         if of_vertices && stride == 1 && count == self.vertices && !self.sides.is_empty() {
-            let around = || MeshNeighbors::new(self.vertices, &self.sides, &self.corners);
-            if let Some(around) = self.around.get_or_init(around) {
+            if let Some(around) = self
+                .around
+                .get_or_init(|| MeshNeighbors::new(self.vertices, &self.sides, &self.corners))
+            {
                 return Layout::Mesh(around);
             }
         }
@@ -119,8 +120,8 @@ fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
 /// The numbers of all columns, or of every n-th of their elements.
 pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
     // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
-    let is_kept = |part: &&GoldenColumn| stride == 1 || !part.faces;
-    let mut columns: Vec<&GoldenColumn> = parts.columns.iter().filter(is_kept).collect();
+    let mut columns: Vec<&GoldenColumn> =
+        parts.columns.iter().filter(|part| stride == 1 || !part.faces).collect();
     columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
     let (mut head, mut body) = (Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
@@ -130,18 +131,24 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
         mesh.corners = corners.numbers.iter().map(|&x| x as u32).collect();
         mesh.vertices = parts.column("position").map_or(0, |part| part.count);
     }
-    let columns = Vec::from_iter(columns.into_iter().map(|part| {
-        let precision = precision(part, tolerance);
-        let is_whole = part.count <= FEW || stride == 1;
-        let part = if is_whole { Cow::Borrowed(part) } else { Cow::Owned(part.every(stride)) };
-        let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
-        (part, layout, precision)
-    }));
+    let columns: Vec<_> = columns
+        .into_iter()
+        .map(|part| {
+            let precision = precision(part, tolerance);
+            let is_whole = part.count <= FEW || stride == 1;
+            let part = if is_whole { Cow::Borrowed(part) } else { Cow::Owned(part.every(stride)) };
+            let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
+            (part, layout, precision)
+        })
+        .collect();
     // With the last digits apart and, if there are any, without: what takes fewer bytes is kept.
-    let ways = Vec::from_iter(columns.iter().flat_map(|column| {
-        let precisions = [Some(column.2), column.2.whole()].into_iter().flatten();
-        precisions.map(move |precision| (column, precision))
-    }));
+    let ways: Vec<_> = columns
+        .iter()
+        .flat_map(|column| {
+            let precisions = [Some(column.2), column.2.whole()].into_iter().flatten();
+            precisions.map(move |precision| (column, precision))
+        })
+        .collect();
     let bytes_of = |(column, precision): &(&(Cow<'_, GoldenColumn>, Layout<'_>, _), Precision)| {
         let (part, layout, _) = column;
         if !is_faces(part) {
@@ -155,8 +162,8 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
     let mut ways = ways.iter().map(|(_, precision)| *precision).zip(bytes);
     for (part, _, precision) in &columns {
         let count = 1 + usize::from(precision.whole().is_some());
-        let shorter = |(way, bytes): &(Precision, Vec<u8>)| (bytes.len(), way.last.is_some());
-        let way = ways.by_ref().take(count).min_by_key(shorter);
+        let way =
+            ways.by_ref().take(count).min_by_key(|(way, bytes)| (bytes.len(), way.last.is_some()));
         let (precision, bytes) = way.expect("a way for each column");
         let last = precision.last.map(|last| {
             let fine = Precision { step: last.step, ..precision };
@@ -212,29 +219,31 @@ fn code_digits(
     whole: &Whole,
     given: impl Fn(usize) -> u64,
 ) -> Vec<u8> {
-    let digit = |place: usize| match whole.odd[place / whole.width] {
-        true => 0,
-        false => coder.plain(bits, given(place) & ((1 << bits) - 1)) as u8,
-    };
-    (0..whole.numbers.len()).map(digit).collect()
+    (0..whole.numbers.len())
+        .map(|place: usize| match whole.odd[place / whole.width] {
+            true => 0,
+            false => coder.plain(bits, given(place) & ((1 << bits) - 1)) as u8,
+        })
+        .collect()
 }
 
 /// Numbers to the last bit: byte by byte, each by what its place mostly has.
 fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64) -> Vec<f64> {
     let mut bits = vec![[EVEN; 256]; 8];
-    let number = |place: usize| {
-        let number = given(place).to_be_bytes();
-        let bytes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| {
-            let mut node = 1;
-            for place in (0..8).rev() {
-                node = 2 * node
-                    + usize::from(coder.bit(&mut bits[k][node], number[k] >> place & 1 == 1));
-            }
-            node as u8
-        });
-        f64::from_be_bytes(bytes)
-    };
-    (0..count).map(number).collect()
+    (0..count)
+        .map(|place: usize| {
+            let number = given(place).to_be_bytes();
+            let bytes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| {
+                let mut node = 1;
+                for place in (0..8).rev() {
+                    node = 2 * node
+                        + usize::from(coder.bit(&mut bits[k][node], number[k] >> place & 1 == 1));
+                }
+                node as u8
+            });
+            f64::from_be_bytes(bytes)
+        })
+        .collect()
 }
 
 const CLASSES: [(Class, &str); 5] = [
@@ -264,11 +273,13 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
     let mut kept = Kept { columns: Vec::new(), row };
     let mut mesh = Mesh::default();
     for column in head["columns"].as_array()? {
-        let number = |name: &str| column[name].as_u64().map(|number| number as usize);
-        let (width, stride) = (number("width")?.max(1), number("stride")?.max(1));
-        let count = number("count")?;
+        fn number(name: &str, column: &Json) -> Option<usize> {
+            column[name].as_u64().map(|number| number as usize)
+        }
+        let (width, stride) = (number("width", column)?.max(1), number("stride", column)?.max(1));
+        let count = number("count", column)?;
         let length = count.div_ceil(stride).checked_mul(width).filter(|n| *n <= MOST)?;
-        let (own, rest) = body.split_at_checked(number("bytes")?)?;
+        let (own, rest) = body.split_at_checked(number("bytes", column)?)?;
         body = rest;
         let class = CLASSES.iter().find(|(_, word)| column["class"] == *word)?.0;
         let name = column["name"].as_str()?.to_owned();
@@ -290,8 +301,8 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         if is_faces(&part) {
             let sides = kept.column(SIDES).map(|column| &column.part).filter(|part| part.faces);
             mesh.sides = sides_of(sides.map(|part| &part.numbers[..]), width, count);
-            let is_position = |column: &&Json| column["name"] == "position";
-            let position = head["columns"].as_array()?.iter().find(is_position)?;
+            let position =
+                head["columns"].as_array()?.iter().find(|column| column["name"] == "position")?;
             mesh.vertices = position["count"].as_u64()? as usize;
             if mesh.sides.iter().try_fold(0usize, |sum, sides| sum.checked_add(*sides))? != length {
                 return None;
@@ -306,11 +317,12 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
                 digits = code_digits(&mut reader, last.bits, &whole, |_| 0);
             }
             let numbers = whole.numbers.iter().enumerate();
-            part.numbers =
-                Vec::from_iter(numbers.map(|(place, &number)| match whole.odd[place / width] {
+            part.numbers = numbers
+                .map(|(place, &number)| match whole.odd[place / width] {
                     true => f64::from_bits(number as u64),
                     false => number as f64 * step,
-                }));
+                })
+                .collect::<Vec<_>>();
             odd = whole.odd;
         } else {
             part.numbers = code_bits(&mut reader, length, |_| 0);

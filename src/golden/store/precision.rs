@@ -73,11 +73,11 @@ impl Precision {
     /// Whether an element is kept to the last bit, because it is no multiple of the finest step.
     pub(super) fn is_odd(&self, element: &[f64], finest: f64) -> bool {
         let most = MOST * finest;
-        let is_short = || {
+        fn is_short(element: &[f64], shortest: f64) -> bool {
             let length_sq: f64 = element.iter().map(|x| x * x).sum();
-            self.shortest > 0.0 && 0.0 < length_sq && length_sq < self.shortest * self.shortest
-        };
-        !element.iter().all(|x| x.abs() < most) || is_short()
+            shortest > 0.0 && 0.0 < length_sq && length_sq < shortest * shortest
+        }
+        !element.iter().all(|x| x.abs() < most) || is_short(element, self.shortest)
     }
 
     /// The same with one part instead of two: of numbers that are foretold well, that takes fewer bytes.
@@ -108,21 +108,31 @@ pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision
         None => (STEPS, BITS),
     };
     let fine = allowed(part, tolerance) / steps;
-    let off = |step: f64| step * (part.width as f64).sqrt() / 2.0;
-    let last =
-        (0.0 < fine && fine < step).then(|| Last { step: fine * scale, bits, error: off(fine) });
+    fn off(step: f64, part_width: usize) -> f64 {
+        step * (part_width as f64).sqrt() / 2.0
+    }
+    let last = (0.0 < fine && fine < step).then(|| Last {
+        step: fine * scale,
+        bits,
+        error: off(fine, part.width),
+    });
     let step_of_numbers = step * scale;
     if !(step_of_numbers.is_normal() && last.is_none_or(|last| last.step.is_normal())) {
         return Precision::EXACT;
     }
-    let precision = Precision { step: step_of_numbers, error: off(step), last, shortest };
+    let precision =
+        Precision { step: step_of_numbers, error: off(step, part.width), last, shortest };
     if longest > ALIKE * shortest { precision.whole().unwrap_or(precision) } else { precision }
 }
 
 /// The lengths of the shortest and the longest direction, without those that are hardly one.
 fn lengths(part: &GoldenColumn) -> (f64, f64) {
-    let length = |element: &[f64]| element.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let lengths = || part.numbers.chunks(part.width).map(length).filter(|length| *length > 0.0);
+    let lengths = || {
+        part.numbers
+            .chunks(part.width)
+            .map(|element| element.iter().map(|x| x * x).sum::<f64>().sqrt())
+            .filter(|length| *length > 0.0)
+    };
     let longest = lengths().filter(|length| length.is_finite()).fold(0.0, f64::max);
     (lengths().filter(|length| *length > 1e-3 * longest).fold(longest, f64::min), longest)
 }

@@ -47,20 +47,22 @@ pub(super) fn summary(
     lines.extend(parts.facts.iter().map(|(label, fact)| exact(label, fact)));
     if let Some(mesh) = value.get::<Mesh>() {
         let topology = Topology::of(mesh);
-        let known = |name: &str| parts.facts.iter().any(|(label, _)| label == name);
-        let facts = topology.facts().into_iter().filter(|(name, _)| !known(name));
+        fn known(name: &str, parts_facts: &[(String, String)]) -> bool {
+            parts_facts.iter().any(|(label, _)| label == name)
+        }
+        let facts = topology.facts().into_iter().filter(|(name, _)| !known(name, &parts.facts));
         lines.extend(facts.map(|(name, fact)| exact(name, fact)));
         let extent = Extent::of(mesh);
         let slack = parts.column("position").map_or(0.0, |part| allowed(part, tolerance));
-        let mut number = |label: &str, x: f64, slack: f64| {
+        fn number(label: &str, x: f64, slack: f64, lines: &mut Vec<Line>) {
             lines.push(Line { label: label.into(), text: six(x), slack: Some(slack) });
-        };
+        }
         // A surface that moves by the slack changes its area by some of its edges, and its volume by its area.
-        number("area", extent.area, slack * (extent.area + slack).sqrt() * 100.0);
-        number("volume", extent.volume, slack * extent.area);
+        number("area", extent.area, slack * (extent.area + slack).sqrt() * 100.0, &mut lines);
+        number("volume", extent.volume, slack * extent.area, &mut lines);
         if topology.faces > 0 {
-            number("edge, shortest", extent.shortest, 2.0 * slack);
-            number("edge, longest", extent.longest, 2.0 * slack);
+            number("edge, shortest", extent.shortest, 2.0 * slack, &mut lines);
+            number("edge, longest", extent.longest, 2.0 * slack, &mut lines);
         }
     }
     for part in &parts.columns {

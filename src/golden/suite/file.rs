@@ -59,10 +59,15 @@ impl FileKind {
             Self::Sweep => (crate::sweep::read_text(path, &text, catalog, options).1, None),
             Self::Handles => {
                 let read = handles::read_ron(text.as_bytes(), HandleSpace::default());
-                let wrong = |error: handles::HandlesFileError| {
-                    of_file(code::WRONG_VALUE, path, text.clone(), error.to_string())
-                };
-                (read.err().map(wrong).into_iter().collect(), None)
+                (
+                    read.err()
+                        .map(|error: handles::HandlesFileError| {
+                            of_file(code::WRONG_VALUE, path, text.clone(), error.to_string())
+                        })
+                        .into_iter()
+                        .collect(),
+                    None,
+                )
             }
         }
     }

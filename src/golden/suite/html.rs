@@ -131,12 +131,16 @@ fn push_output(text: &mut String, output: &Compared) {
         escape(&files)
     );
     push_list(text, "reasons", output.comparison.reasons.iter().map(|reason| escape(reason)));
-    let differs = |m: &&Measure| m.max > 0.0;
+    fn differs(m: &&Measure) -> bool {
+        m.max > 0.0
+    }
     if output.comparison.measures.iter().any(|m| differs(&m)) {
         text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>seen<th>worst place</tr>");
         for m in output.comparison.measures.iter().filter(differs) {
             let class = if m.broken.is_empty() { "" } else { " class=\"bad\"" };
-            let number = |x: f64| if x.is_finite() { six(x) } else { "∞".into() };
+            fn number(x: f64) -> String {
+                if x.is_finite() { six(x) } else { "∞".into() }
+            }
             let numbers = match m.by_share {
                 // Numbers that are equal or not have no size.
                 true => format!("<td colspan=\"3\">{} % differ", six(100.0 * m.differing)),
@@ -226,7 +230,7 @@ fn push_table(text: &mut String, report: &Report) {
             }
         };
         let outputs =
-            Vec::from_iter(case.outputs.iter().map(|output| escape(&output.name))).join(", ");
+            case.outputs.iter().map(|output| escape(&output.name)).collect::<Vec<_>>().join(", ");
         let notes: String =
             case.notes.iter().map(|note| format!("<br><small>{}</small>", escape(note))).collect();
         let _ = write!(

@@ -110,7 +110,7 @@ impl Job<'_> {
             }
         };
         let expected = self.test.expect.iter().flat_map(|(expectation, _)| expectation.values());
-        let names = Vec::from_iter(graph.output_names().chain(expected));
+        let names: Vec<_> = graph.output_names().chain(expected).collect();
         let idle = Run::default();
         let graph = session.resolved_for(&graph, &names, idle.observer, &idle.cancel);
         case.problems.extend(self.test.misfits(&graph));
@@ -202,7 +202,7 @@ impl Job<'_> {
             };
             name.replace('/', ".")
         };
-        let named = Vec::from_iter(places.iter().copied().map(name_of));
+        let named: Vec<_> = places.iter().copied().map(name_of).collect();
         let mut compared = Vec::new();
         for (node, output) in places {
             let mine = graph.outputs().iter().filter(|o| (o.node, o.output) == (node, output));
@@ -228,12 +228,12 @@ impl Job<'_> {
         if !matches!(store::read(&self.folder, &name), Err(NoGolden::Missing)) {
             return name;
         }
-        let is_of = |golden: &Golden| {
+        fn is_of(golden: &Golden, outputs: &[String]) -> bool {
             outputs.iter().any(|output| golden.line(&format!("file {output}")).is_some())
-        };
+        }
         let mut others = goldens(&self.folder).into_keys().filter(|other| !named.contains(other));
-        let before =
-            others.find(|other| store::read(&self.folder, other).is_ok_and(|it| is_of(&it)));
+        let before = others
+            .find(|other| store::read(&self.folder, other).is_ok_and(|it| is_of(&it, outputs)));
         before.unwrap_or(name)
     }
 
@@ -342,11 +342,20 @@ impl Job<'_> {
             let needed: Vec<(String, f64)> = before.into_iter().chain(now).collect();
             let parts = GoldenParts::of(&output.value).unwrap_or_default();
             for (name, limit) in allowed.tolerance.limits() {
-                let is_of = |measure: &str| match parts.column(measure) {
-                    Some(part) => limit_of(part, &allowed.tolerance) == Some(name),
-                    None => name == "max" && measure.starts_with("surface,"),
-                };
-                let of_limit = needed.iter().filter(|(measure, _)| is_of(measure));
+                fn is_of(
+                    measure: &str,
+                    name: &str,
+                    parts: &GoldenParts,
+                    allowed_tolerance: &Tolerance,
+                ) -> bool {
+                    match parts.column(measure) {
+                        Some(part) => limit_of(part, allowed_tolerance) == Some(name),
+                        None => name == "max" && measure.starts_with("surface,"),
+                    }
+                }
+                let of_limit = needed
+                    .iter()
+                    .filter(|(measure, _)| is_of(measure, name, &parts, &allowed.tolerance));
                 let most = of_limit.map(|(_, needed)| *needed).fold(0.0, f64::max);
                 if most > 0.0 && most * TOO_WIDE < limit {
                     let (limit, most) = (six(limit), six(most));

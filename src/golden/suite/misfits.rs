@@ -74,7 +74,7 @@ impl TestFile {
 
     /// Inputs of a case that the graph does not have.
     pub(crate) fn wrong_inputs(&self, case: usize, graph: &Graph) -> Vec<Problem> {
-        let known = Vec::from_iter(graph.inputs().iter().map(|input| &input.name[..]));
+        let known: Vec<_> = graph.inputs().iter().map(|input| &input.name[..]).collect();
         let given = self.cases[case].1.inputs.iter();
         let wrong = given.filter(|(name, _)| !known.contains(&&name[..])).map(|(name, _)| {
             let help = match known.is_empty() {
@@ -104,43 +104,49 @@ impl TestFile {
 
     /// Expectations that may hold of the graph, and where they stand.
     pub(super) fn expected(&self, graph: &Graph) -> impl Iterator<Item = (&Expectation, Span)> {
-        let may_hold = |(expectation, item): &&(Expectation, Tree)| {
-            self.unknown(expectation, item, graph).is_none()
-                && self.fault(expectation, item, graph).is_none()
-        };
-        self.expect.iter().filter(may_hold).map(|(expectation, item)| (expectation, item.span))
+        self.expect
+            .iter()
+            .filter(|(expectation, item)| {
+                self.unknown(expectation, item, graph).is_none()
+                    && self.fault(expectation, item, graph).is_none()
+            })
+            .map(|(expectation, item)| (expectation, item.span))
     }
 
     /// Why an expectation cannot hold.
     fn fault(&self, expectation: &Expectation, item: &Tree, graph: &Graph) -> Option<Problem> {
-        let kind = |name: &str| {
-            let (node, output) = graph.value_named(name)?;
-            graph.nodes()[node].types[output]
-        };
-        let types = Vec::from_iter(expectation.values().into_iter().map(kind));
+        let types: Vec<_> = expectation
+            .values()
+            .into_iter()
+            .map(|name| {
+                let (node, output) = graph.value_named(name)?;
+                graph.nodes()[node].types[output]
+            })
+            .collect();
         Some(expectation.fault(&types, item)?.at(&self.source))
     }
 
     /// An expectation of a value that is not there.
     fn unknown(&self, expectation: &Expectation, item: &Tree, graph: &Graph) -> Option<Problem> {
-        let is_there = |name: &&str| {
+        fn is_there(name: &&str, graph: &Graph) -> bool {
             let node = name.split('.').next().unwrap_or_default();
             match graph.open_loop(node) {
                 // Its elements may be there when the graph is run.
                 Some(each) => each.name != node || graph.output_names().any(|it| it == *name),
                 None => graph.value_named(name).is_some(),
             }
-        };
-        let name = expectation.values().into_iter().find(|name| !is_there(name))?;
+        }
+        let name = expectation.values().into_iter().find(|name| !is_there(name, graph))?;
         let texts = Expectation::value_texts_of(item);
         let span = texts.into_iter().find(|text| text.text() == Some(name))?.span;
         let node = name.split('.').next().unwrap_or_default();
         let first = format!("{node}/1");
-        let begins = |name: &str| {
-            name.strip_prefix(&first)
-                .is_some_and(|it| !it.starts_with(|c: char| c.is_ascii_digit()))
-        };
-        if graph.loops().iter().any(|it| it.name == node) || graph.node_names().any(begins) {
+        if graph.loops().iter().any(|it| it.name == node)
+            || graph.node_names().any(|name| {
+                name.strip_prefix(&first)
+                    .is_some_and(|it| !it.starts_with(|c: char| c.is_ascii_digit()))
+            })
+        {
             let message = format!("one value is expected to be so, but `{name}` is a list");
             let help = format!("say it in the graph that makes each of them, or of one: `{first}`");
             return Some(Problem { help, ..self.problem(code::WRONG_TYPE, span, message) });

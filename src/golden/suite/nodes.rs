@@ -1,7 +1,7 @@
 //! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
 
 use maquette_engine::eval::RunTrace;
-use maquette_graph::{Graph, Link, in_short, parameter_difference, parameter_name};
+use maquette_graph::{Graph, in_short, parameter_difference, parameter_name};
 use maquette_syntax::{FILE, with_article};
 use serde_json::Value as Json;
 
@@ -14,8 +14,8 @@ pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
         text.lines().filter_map(|line| line.strip_prefix(WARNING)).collect()
     }
     let (old, new) = (of(before), of(now));
-    let mut gone = Vec::from_iter(old.iter().filter(|line| !new.contains(line)));
-    let mut came = Vec::from_iter(new.iter().filter(|line| !old.contains(line)));
+    let mut gone: Vec<_> = old.iter().filter(|line| !new.contains(line)).collect();
+    let mut came: Vec<_> = new.iter().filter(|line| !old.contains(line)).collect();
     gone.retain(|was| {
         let renamed = came.iter().position(|is| is_renamed((before, was), (now, is)));
         renamed.map(|at| came.remove(at)).is_none()
@@ -49,10 +49,10 @@ fn nodes(text: &str) -> impl Iterator<Item = &str> {
 /// What of the nodes' lines differs: "node `raised`: parameter `distance` 12 -> 15".
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     let (mut old, new) =
-        (Vec::from_iter(nodes(before).map(split)), Vec::from_iter(nodes(now).map(split)));
+        (nodes(before).map(split).collect::<Vec<_>>(), nodes(now).map(split).collect::<Vec<_>>());
     // The tenth element stands behind the ninth.
     old.sort_by_cached_key(|(name, _)| {
-        Vec::from_iter(name.split('/').map(|part| (part.parse::<usize>().ok(), part)))
+        name.split('/').map(|part| (part.parse::<usize>().ok(), part)).collect::<Vec<_>>()
     });
     let mut changes = Vec::new();
     for (name, was) in &old {
@@ -66,8 +66,11 @@ pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
             Some(_) => {}
         }
     }
-    let is_new = |(name, _): &&(&str, &str)| !old.iter().any(|(other, _)| other == name);
-    changes.extend(new.iter().filter(is_new).map(|(name, _)| format!("node `{name}` is new")));
+    changes.extend(
+        new.iter()
+            .filter(|(name, _)| !old.iter().any(|(other, _)| other == name))
+            .map(|(name, _)| format!("node `{name}` is new")),
+    );
     changes
 }
 
@@ -144,11 +147,15 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     for node in
         graph.nodes().iter().filter(|node| needed.0.iter().any(|trace| trace.name == node.name))
     {
-        let link = |link: &Link| {
-            let target = &graph.nodes()[link.node];
-            format!("{}: {}.{}", link.port, target.name, target.outputs[link.output])
-        };
-        let links = Vec::from_iter(node.links.iter().map(link)).join(", ");
+        let links = node
+            .links
+            .iter()
+            .map(|link| {
+                let target = &graph.nodes()[link.node];
+                format!("{}: {}.{}", link.port, target.name, target.outputs[link.output])
+            })
+            .collect::<Vec<_>>()
+            .join(", ");
         let mut parameters = node.recipe.parameters.clone();
         without_machine(&mut parameters);
         let files = node.files.iter().filter_map(|file| {
@@ -183,12 +190,14 @@ mod tests {
 
     #[test]
     fn what_changed_is_told_in_words() {
-        let line = |at: &str, step: &str, hash: &str| {
+        fn line(at: &str, step: &str, hash: &str) -> String {
             format!(
                 "posts/{at}  Transform {{\"rotate\":[0.0,5.0],\"translate\":[{step},0.0]}} (mesh: m.mesh) a.obj {hash}\n"
             )
-        };
-        let text = |step: &str, hash: &str| line("10", step, "1") + &line("2", step, hash);
+        }
+        fn text(step: &str, hash: &str) -> String {
+            line("10", step, "1") + &line("2", step, hash)
+        }
         assert_eq!(
             changed_lines(&text("2.0", "1"), &text("2.5", "2")),
             [

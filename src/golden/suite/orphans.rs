@@ -34,8 +34,10 @@ fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     let fact = |label: &str| facts().find(|(name, _)| *name == label).map(|(_, fact)| fact.trim());
     fact("type")?;
     Hash::parse(fact("hash")?)?;
-    let is_named = |suffix: &&str| facts().any(|(name, _)| name == kept_in(suffix));
-    let named = Vec::from_iter(SUFFIXES.into_iter().filter(is_named));
+    let named: Vec<_> = SUFFIXES
+        .into_iter()
+        .filter(|suffix| facts().any(|(name, _)| name == kept_in(suffix)))
+        .collect();
     if !named.is_empty() {
         return Some([&[".txt"], &named[..]].concat());
     }
@@ -57,7 +59,7 @@ pub(super) fn unclaimed(tests: &[TestFile]) -> Vec<PathBuf> {
         let Some(claimed) = claimed(folder) else { continue };
         walk(&folder.join(FOLDER), &mut |folder| {
             if !claimed.contains(folder) {
-                let mut files = Vec::from_iter(goldens(folder).into_values().flatten());
+                let mut files: Vec<_> = goldens(folder).into_values().flatten().collect();
                 let nodes = folder.join(NODES);
                 if !files.is_empty() && plain::is_own(&nodes) {
                     files.push(nodes);

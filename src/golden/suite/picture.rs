@@ -111,16 +111,26 @@ pub(crate) fn marked(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Fig
     let mesh = value.as_mesh()?;
     let (low, high) = mesh.bounds()?;
     let near_sq = (high - low).norm_squared() * 1e-4;
-    let is_near = |vertex: &Point3<f64>| {
+    fn is_near(vertex: &Point3<f64>, near_sq: f64, places: &[Point3<f64>]) -> bool {
         places.iter().any(|place| (place - vertex).norm_squared() <= near_sq)
-    };
-    let colors = mesh.positions().iter().map(|vertex| heat(f64::from(u8::from(is_near(vertex)))));
+    }
+    let colors = mesh
+        .positions()
+        .iter()
+        .map(|vertex| heat(f64::from(u8::from(is_near(vertex, near_sq, places)))));
     let mesh = colored(&mesh, colors.collect())?;
-    let figure = |(yaw, pitch, words): (f64, f64, &str)| {
-        let view = View { size: SIZE, yaw, pitch, ..View::front() };
-        Figure::new(format!("where it does not hold, in red, {words}"), &[&render(&mesh, &view)])
-    };
-    Some(CAMERAS.into_iter().filter_map(figure).collect())
+    Some(
+        CAMERAS
+            .into_iter()
+            .filter_map(|(yaw, pitch, words): (f64, f64, &str)| {
+                let view = View { size: SIZE, yaw, pitch, ..View::front() };
+                Figure::new(
+                    format!("where it does not hold, in red, {words}"),
+                    &[&render(&mesh, &view)],
+                )
+            })
+            .collect(),
+    )
 }
 
 fn colored(mesh: &Mesh, colors: Vec<Rgb>) -> Option<Mesh> {
@@ -161,8 +171,7 @@ fn shrunk(picture: &Image, size: [usize; 2]) -> Image {
 /// The first column that fills a grid.
 fn grid_part(parts: &GoldenParts) -> Option<&GoldenColumn> {
     let row = parts.row.filter(|row| *row > 1)?;
-    let fills = |part: &&GoldenColumn| part.count.is_multiple_of(row) && part.count >= 2 * row;
-    parts.columns.iter().find(fills)
+    parts.columns.iter().find(|part| part.count.is_multiple_of(row) && part.count >= 2 * row)
 }
 
 /// A column as a picture: depths and numbers in gray, as far as those of `scale` reach, labels in colors. What was not kept is as
@@ -172,13 +181,21 @@ fn gray(part: &GoldenColumn, row: Option<usize>, scale: &GoldenColumn) -> Option
     let component = if part.class == Class::Place { part.width - 1 } else { 0 };
     let range = *scale.ranges().get(component)?;
     let (low, high) = range.map_or((0.0, 1.0), |range| (range.least, range.greatest));
-    let pixel = |k: usize| match (part.element(k / part.stride)[component], part.class) {
-        (0.0, Class::Exact) => [0; 3],
-        (x, Class::Exact) => [97.0, 57.0, 149.0].map(|step| (64.0 + (x * step) % 192.0) as u8),
-        (x, _) if x.is_finite() => {
-            [(255.0 * (x - low) / (high - low).max(1e-300)).clamp(0.0, 255.0) as u8; 3]
-        }
-        _ => [60, 0, 60],
-    };
-    Image::new(row, part.count / row, (0..part.count).map(pixel).collect::<Vec<_>>()).ok()
+    Image::new(
+        row,
+        part.count / row,
+        (0..part.count)
+            .map(|k: usize| match (part.element(k / part.stride)[component], part.class) {
+                (0.0, Class::Exact) => [0; 3],
+                (x, Class::Exact) => {
+                    [97.0, 57.0, 149.0].map(|step| (64.0 + (x * step) % 192.0) as u8)
+                }
+                (x, _) if x.is_finite() => {
+                    [(255.0 * (x - low) / (high - low).max(1e-300)).clamp(0.0, 255.0) as u8; 3]
+                }
+                _ => [60, 0, 60],
+            })
+            .collect::<Vec<_>>(),
+    )
+    .ok()
 }

@@ -46,19 +46,22 @@ mod tests {
 
     #[test]
     fn parts_are_disjoint_equally_large_and_together_everything_in_any_order() {
-        let mut names = Vec::from_iter((0..29).map(|k| format!("g{}.ron default", k * 7 % 29)));
+        let mut names: Vec<_> = (0..29).map(|k| format!("g{}.ron default", k * 7 % 29)).collect();
         for count in [1, 2, 8, 40] {
-            let part = |index: usize, names: &[String]| {
+            fn part(index: usize, names: &[String], count: usize) -> Vec<String> {
                 let is_in = Shard { index, count }.contains(names);
                 let own = names.iter().zip(is_in).filter(|(_, is_in)| *is_in);
-                let mut own = Vec::from_iter(own.map(|(name, _)| name.clone()));
+                let mut own: Vec<_> = own.map(|(name, _)| name.clone()).collect();
                 own.sort();
                 own
-            };
-            let parts = Vec::from_iter((1..=count).map(|index| part(index, &names)));
+            }
+            let parts: Vec<_> = (1..=count).map(|index| part(index, &names, count)).collect();
             assert!(parts.iter().all(|part| part.len().abs_diff(29 / count) <= 1), "{parts:?}");
             names.reverse();
-            assert_eq!(parts, Vec::from_iter((1..=count).map(|index| part(index, &names))));
+            assert_eq!(
+                parts,
+                (1..=count).map(|index| part(index, &names, count)).collect::<Vec<_>>()
+            );
             let (mut all, mut sorted) = (parts.concat(), names.clone());
             all.sort();
             sorted.sort();

@@ -45,7 +45,9 @@ fn told(job: &Job<'_>, files: &[PathBuf; 2]) -> Problem {
 /// The other test files in the folders of these, as far as they can be read.
 fn others(tests: &[TestFile]) -> Vec<TestFile> {
     let folders = BTreeSet::from_iter(tests.iter().map(beside));
-    let is_other = |path: &PathBuf| tests.iter().all(|test| test.source.name != *path);
-    let paths = folders.into_iter().flat_map(case::in_folder).filter(is_other);
+    let paths = folders
+        .into_iter()
+        .flat_map(case::in_folder)
+        .filter(|path| tests.iter().all(|test| test.source.name != *path));
     paths.filter_map(|path| case::skim(&path)).collect()
 }

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::files::Meant;
-use super::table::{self, Cell};
+use super::table::{self};
 
 /// What differs from task to task.
 #[derive(Deserialize, JsonSchema)]
@@ -120,17 +120,21 @@ pub(super) struct Reader<'a> {
 /// How many tasks an axis makes at least, by its values.
 fn count(axis: &Tree) -> usize {
     let name = axis.name().map_or_else(String::new, |name| name.text);
-    let list = |place: usize| match &axis.kind {
-        Kind::Call { body: Body::Items(items), .. } => match items.get(place).map(|it| &it.kind) {
-            Some(Kind::List(items)) => &items[..],
+    fn list(place: usize, axis_kind: &Kind) -> &[Tree] {
+        match axis_kind {
+            Kind::Call { body: Body::Items(items), .. } => {
+                match items.get(place).map(|it| &it.kind) {
+                    Some(Kind::List(items)) => &items[..],
+                    _ => &[],
+                }
+            }
             _ => &[],
-        },
-        _ => &[],
-    };
+        }
+    }
     match &name[..] {
-        "Product" => list(0).iter().map(count).fold(1, usize::saturating_mul),
-        "Zip" => list(0).iter().map(count).max().unwrap_or(1),
-        "Values" => list(1).len().max(1),
+        "Product" => list(0, &axis.kind).iter().map(count).fold(1, usize::saturating_mul),
+        "Zip" => list(0, &axis.kind).iter().map(count).max().unwrap_or(1),
+        "Values" => list(1, &axis.kind).len().max(1),
         "Range" => match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => {
                 match items.get(3).map(|item| &item.kind) {
@@ -195,15 +199,15 @@ impl Reader<'_> {
                     all.iter().position(|rows| rows.rows.len() < most && !rows.rows.is_empty());
                 if let Some(few) = few {
                     let longest = all.iter().position(|rows| rows.rows.len() == most).unwrap_or(0);
-                    let name = |index: usize| {
+                    fn name(index: usize, all: &[Rows]) -> String {
                         let names = all[index].names.iter().map(|(name, _)| format!("`{name}`"));
                         Vec::from_iter(names).join(" with ")
-                    };
+                    }
                     let message = format!(
                         "{} has {} values, and {} has {most}",
-                        name(few),
+                        name(few, &all),
                         all[few].rows.len(),
-                        name(longest)
+                        name(longest, &all)
                     );
                     let help = "what is zipped has equally many; `Product` takes each with each";
                     self.find(code::WRONG_VALUE, trees[few].span, message, help);
@@ -255,18 +259,20 @@ impl Reader<'_> {
                 "write some: [5, 12, 20]",
             );
         }
-        let row = |value: &Tree| {
-            let text = &self.text[value.span.start..value.span.end];
-            let set = Set {
-                target: name.to_owned(),
-                text: text.to_owned(),
-                span: value.span,
-                of: target.span,
-            };
-            let values = vec![value.text().unwrap_or(text).to_owned()];
-            Row { values, set: vec![set], inputs: Vec::new() }
-        };
-        let rows = values.iter().map(row).collect();
+        let rows = values
+            .iter()
+            .map(|value| {
+                let text = &self.text[value.span.start..value.span.end];
+                let set = Set {
+                    target: name.to_owned(),
+                    text: text.to_owned(),
+                    span: value.span,
+                    of: target.span,
+                };
+                let values = vec![value.text().unwrap_or(text).to_owned()];
+                Row { values, set: vec![set], inputs: Vec::new() }
+            })
+            .collect();
         Rows { names: vec![(name.to_owned(), target.span)], rows }
     }
 
@@ -309,17 +315,20 @@ impl Reader<'_> {
                 return Rows::default();
             }
         };
-        let row = |cells: &Vec<Cell>| {
-            let set = table.names.iter().zip(cells).map(|(name, cell)| Set {
-                target: name.clone(),
-                text: cell.text.clone(),
-                span,
-                of: span,
-            });
-            let values = cells.iter().map(|cell| cell.shown.clone()).collect();
-            Row { values, set: set.collect(), inputs: Vec::new() }
-        };
-        let rows = table.rows.iter().map(row).collect();
+        let rows = table
+            .rows
+            .iter()
+            .map(|cells| {
+                let set = table.names.iter().zip(cells).map(|(name, cell)| Set {
+                    target: name.clone(),
+                    text: cell.text.clone(),
+                    span,
+                    of: span,
+                });
+                let values = cells.iter().map(|cell| cell.shown.clone()).collect();
+                Row { values, set: set.collect(), inputs: Vec::new() }
+            })
+            .collect();
         Rows { names: table.names.iter().map(|name| (name.clone(), span)).collect(), rows }
     }
 }

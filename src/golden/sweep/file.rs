@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Files, Graph, GraphNode, Options};
+use maquette_graph::{Checked, Files, Graph, Options};
 use maquette_graph::{Word, words_of_choices, words_of_fields};
 use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
 use maquette_syntax::paths::{folder_of_new, project_root};
@@ -164,13 +164,13 @@ fn of_axis(tree: &mut Tree) {
 
 /// Makes a field of a text that stands alone.
 fn with_name(tree: &mut Tree, field: &str) {
-    let field = |value: Tree| {
+    fn fields(value: Tree, field: &str) -> Body {
         let span = Span { start: value.span.start, end: value.span.start };
         Body::Fields(vec![Field { name: Name { text: field.to_owned(), span }, value }])
-    };
+    }
     match &mut tree.kind {
         Kind::Text(_) => {
-            let body = field(tree.clone());
+            let body = fields(tree.clone(), field);
             tree.kind = Kind::Call { name: None, body };
         }
         Kind::Call { body, .. } => {
@@ -178,7 +178,7 @@ fn with_name(tree: &mut Tree, field: &str) {
                 && let [item] = &items[..]
                 && item.text().is_some()
             {
-                *body = field(item.clone());
+                *body = fields(item.clone(), field);
             }
         }
         _ => {}
@@ -242,17 +242,21 @@ impl Checker<'_> {
             return None;
         }
         let text = self.source.text.clone();
-        let set = |(key, value): &(Tree, Tree)| {
-            let text = text[value.span.start..value.span.end].to_owned();
-            Some(Set { target: key.text()?.to_owned(), text, span: value.span, of: key.span })
-        };
-        let all = Vec::from_iter(entries(tree, "set").iter().filter_map(set));
+        let all: Vec<_> = entries(tree, "set")
+            .iter()
+            .filter_map(|(key, value)| {
+                let text = text[value.span.start..value.span.end].to_owned();
+                Some(Set { target: key.text()?.to_owned(), text, span: value.span, of: key.span })
+            })
+            .collect();
         let rows = self.rows(&file, tree, &folder, &graph)?;
         self.idle(&all, &rows);
         let mut sweep = self.named(&file, tree, &graph, &all, rows)?;
         if !self.is_whole {
-            let is_read = |set: &Set| parse(&set.text).1.is_empty();
-            sweep.tasks.iter_mut().for_each(|task| task.row.set.retain(is_read));
+            sweep
+                .tasks
+                .iter_mut()
+                .for_each(|task| task.row.set.retain(|set| parse(&set.text).1.is_empty()));
         }
         if self.tries {
             self.tried(&sweep);
@@ -298,18 +302,19 @@ impl Checker<'_> {
 
     /// Warns of values for all tasks that count for none, since each task has one of its own.
     fn idle(&mut self, all: &[Set], rows: &Rows) {
-        let own = |target: &str| {
-            let of_row = |row: &Row| row.set.iter().any(|set| set.target == target);
-            let first = rows.rows.first()?.set.iter().find(|set| set.target == target)?;
-            rows.rows.iter().all(of_row).then_some(first.of)
-        };
-        let in_file = all.iter().filter(|set| own(&set.target).is_some());
+        fn own(target: &str, rows_rows: &[Row]) -> Option<Span> {
+            let first = rows_rows.first()?.set.iter().find(|set| set.target == target)?;
+            rows_rows
+                .iter()
+                .all(|row| row.set.iter().any(|set| set.target == target))
+                .then_some(first.of)
+        }
+        let in_file = all.iter().filter(|set| own(&set.target, &rows.rows).is_some());
         let in_file = in_file.map(|set| (set.of, format!("`{}`", set.target)));
-        let given =
-            self.options.set.iter().filter_map(|(target, text)| {
-                Some((own(target)?, format!("`--set {target}={text}`")))
-            });
-        for (span, what) in Vec::from_iter(in_file.chain(given)) {
+        let given = self.options.set.iter().filter_map(|(target, text)| {
+            Some((own(target, &rows.rows)?, format!("`--set {target}={text}`")))
+        });
+        for (span, what) in in_file.chain(given).collect::<Vec<_>>() {
             let message =
                 format!("{what} counts for no task: each has a value of its own from `over`");
             let finding = Finding {
@@ -337,12 +342,15 @@ impl Checker<'_> {
         all: &[Set],
         rows: Rows,
     ) -> Option<Sweep> {
-        let names = Vec::from_iter(rows.names.iter().map(|(name, _)| name.clone()));
+        let names: Vec<_> = rows.names.iter().map(|(name, _)| name.clone()).collect();
         let out = field(tree, "out");
         let template = match out {
             None => Template::of_all(names.len()),
             Some(out) => {
-                match Template::read(&file.out, &Vec::from_iter(names.iter().map(String::as_str))) {
+                match Template::read(
+                    &file.out,
+                    &names.iter().map(String::as_str).collect::<Vec<_>>(),
+                ) {
                     Ok(template) => template,
                     Err(wrong) => {
                         self.wrong(&wrong, out, &names);
@@ -351,21 +359,32 @@ impl Checker<'_> {
                 }
             }
         };
-        let named = Vec::from_iter(
-            rows.rows.iter().enumerate().map(|(index, row)| template.name(index, &row.values)),
-        );
+        let named: Vec<_> = rows
+            .rows
+            .iter()
+            .enumerate()
+            .map(|(index, row)| template.name(index, &row.values))
+            .collect();
         let span = out.map_or(tree.span, |out| out.span);
-        let told = |index: usize| values_in_words(&names, &rows.rows[index].values);
+        fn told(index: usize, names: &[String], rows_rows: &[Row]) -> String {
+            values_in_words(names, &rows_rows[index].values)
+        }
         let (message, help): (_, Help) = match clash(&named) {
             None => {
-                let task = |(name, mut row): (String, Row)| {
-                    // What a task sets itself counts.
-                    let is_own = |set: &&Set| row.set.iter().all(|own| own.target != set.target);
-                    let mut set = Vec::from_iter(all.iter().filter(is_own).cloned());
-                    set.append(&mut row.set);
-                    Task { name, row: Row { set, ..row } }
-                };
-                let tasks = named.into_iter().zip(rows.rows).map(task).collect();
+                let tasks = named
+                    .into_iter()
+                    .zip(rows.rows)
+                    .map(|(name, mut row): (String, Row)| {
+                        // What a task sets itself counts.
+                        let mut set: Vec<_> = all
+                            .iter()
+                            .filter(|set| row.set.iter().all(|own| own.target != set.target))
+                            .cloned()
+                            .collect();
+                        set.append(&mut row.set);
+                        Task { name, row: Row { set, ..row } }
+                    })
+                    .collect();
                 let (source, graph) = (self.source.clone(), graph.to_owned());
                 return Some(Sweep { source, graph, names, tasks, picture: file.picture.clone() });
             }
@@ -376,8 +395,8 @@ impl Checker<'_> {
                         true => format!("two tasks have the name `{}`", named[second]),
                         false => one_file("tasks", &named[first], &named[second]),
                     },
-                    told(first),
-                    told(second)
+                    told(first, &names, &rows.rows),
+                    told(second, &names, &rows.rows)
                 ),
                 telling_apart(&rows, &template, &file.out, [first, second]).into(),
             ),
@@ -406,7 +425,7 @@ impl Checker<'_> {
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');
         let span = if is_plain { Span { start, end: out.span.end - 1 } } else { out.span };
-        let known = Vec::from_iter(names.iter().map(String::as_str));
+        let known: Vec<_> = names.iter().map(String::as_str).collect();
         let help: Help = match &wrong.unknown {
             Some(unknown) => String::from(nearest_or_all(unknown, "the names", &known)).into(),
             None => "`{name}` stands for a value, `/` divides folders".into(),
@@ -422,20 +441,29 @@ impl Checker<'_> {
         let own = self.graph_with(sweep, &[]).problems;
         for problem in &checked.problems {
             let is_own = own.contains(problem);
-            let gives_it = |set: &&Set| {
-                self.graph_with(sweep, std::slice::from_ref(set)).problems.contains(problem)
+            let by = if is_own {
+                None
+            } else {
+                first.set.iter().find(|set| {
+                    self.graph_with(sweep, std::slice::from_ref(set)).problems.contains(problem)
+                })
             };
-            let by = if is_own { None } else { first.set.iter().find(gives_it) };
             self.tell(problem, &first.set, by.map(|set| set.of));
         }
-        let pair = |set: &Set| (set.target.clone(), set.text.clone());
+        fn pair(set: &Set) -> (String, String) {
+            (set.target.clone(), set.text.clone())
+        }
         let mut tried: BTreeSet<_> = first.set.iter().map(pair).collect();
         for task in &sweep.tasks {
             let new = task.row.set.iter().filter(|set| tried.insert(pair(set))).cloned();
             let new = Vec::from_iter(new);
             let Some(Set { span, .. }) = new.first() else { continue };
-            let is_other = |set: &&Set| new.iter().all(|new| new.target != set.target);
-            let with = first.set.iter().filter(is_other).chain(&new).cloned();
+            let with = first
+                .set
+                .iter()
+                .filter(|set| new.iter().all(|new| new.target != set.target))
+                .chain(&new)
+                .cloned();
             for problem in self.graph_with(sweep, &Vec::from_iter(with)).problems {
                 if !checked.problems.contains(&problem) && self.problems.len() < MOST_TOLD {
                     self.tell(&problem, &new, Some(*span));
@@ -446,13 +474,17 @@ impl Checker<'_> {
 
     /// Tells a problem of the graph: at the value that it is about, or at the one with which it came.
     fn tell(&mut self, problem: &Problem, set: &[Set], new: Option<Span>) {
-        let words = |set: &Set| format!("--set {}={}", set.target, set.text);
-        let is_about = |set: &&Set| {
-            let words = words(set);
-            let note = problem.note.as_ref().is_some_and(|(_, note)| note.contains(&words));
-            note || problem.message.contains(&words)
-        };
-        let (span, message) = match (set.iter().find(is_about), new) {
+        fn words(set: &Set) -> String {
+            format!("--set {}={}", set.target, set.text)
+        }
+        let (span, message) = match (
+            set.iter().find(|set| {
+                let words = words(set);
+                let note = problem.note.as_ref().is_some_and(|(_, note)| note.contains(&words));
+                note || problem.message.contains(&words)
+            }),
+            new,
+        ) {
             (Some(set), _) => {
                 // What is not there is told once, and not for each value.
                 let is_unknown = [code::UNKNOWN_LINK, code::UNKNOWN_FIELD].contains(&problem.code);
@@ -473,7 +505,7 @@ impl Checker<'_> {
     /// What the sweep names and the graph does not have: inputs, and the output that is shown.
     fn unfit(&mut self, sweep: &Sweep, graph: Option<&Graph>) {
         let Some(graph) = graph else { return };
-        let known = Vec::from_iter(graph.inputs().iter().map(|input| &input.name[..]));
+        let known: Vec<_> = graph.inputs().iter().map(|input| &input.name[..]).collect();
         let inputs =
             sweep.tasks[0].row.inputs.iter().filter(|(name, _)| !known.contains(&&name[..]));
         for (name, _) in inputs {
@@ -485,9 +517,11 @@ impl Checker<'_> {
             self.find(code::UNKNOWN_FIELD, self.text_at(name), message, help);
         }
         let picture = &sweep.picture.output;
-        let outputs = Vec::from_iter(graph.results().map(|(name, _)| name));
-        let is_there = || outputs.contains(&&picture[..]) || graph.value_named(picture).is_some();
-        if !picture.is_empty() && !is_there() {
+        let outputs: Vec<_> = graph.results().map(|(name, _)| name).collect();
+        fn is_there(outputs: &[&str], picture: &str, graph: &Graph) -> bool {
+            outputs.contains(&&picture[..]) || graph.value_named(picture).is_some()
+        }
+        if !picture.is_empty() && !is_there(&outputs, picture, graph) {
             let message = format!("the graph has no output `{picture}`");
             let help = nearest_or_all(picture, "its outputs", &outputs);
             self.find(code::UNKNOWN_LINK, self.text_at(picture), message, help);
@@ -518,11 +552,11 @@ fn reads(checked: &Checked) -> Vec<(String, PathBuf)> {
     let graph = checked.graph.as_ref().or(checked.partial.as_ref());
     let own =
         graph.into_iter().flat_map(|graph| graph.nodes().iter()).filter(|it| it.uses.is_empty());
-    let of_node = |node: &GraphNode| {
+    own.flat_map(|node| {
         let files = node.recipe.files().into_iter();
-        Vec::from_iter(files.map(|(field, path)| (format!("{}.{field}", node.name), path)))
-    };
-    own.flat_map(of_node).collect()
+        files.map(|(field, path)| (format!("{}.{field}", node.name), path)).collect::<Vec<_>>()
+    })
+    .collect()
 }
 
 /// `doll.ron:12:3`.
@@ -539,15 +573,18 @@ pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
 
 /// What gives two tasks, which have one name by this template, names of their own: all values that differ somewhere and that it does not tell.
 fn telling_apart(rows: &Rows, by: &Template, out: &str, [first, second]: [usize; 2]) -> String {
-    let values = |row: usize| &rows.rows[row].values;
-    if values(first) == values(second) {
+    fn values(row: usize, rows_rows: &[Row]) -> &Vec<String> {
+        &rows_rows[row].values
+    }
+    if values(first, &rows.rows) == values(second, &rows.rows) {
         return "the same values stand there twice: leave one of them out".into();
     }
-    let differs = |index: usize| {
-        let values = rows.rows.iter().map(|row| &row.values[index]);
+    fn differs(index: usize, rows_rows: &[Row]) -> bool {
+        let values = rows_rows.iter().map(|row| &row.values[index]);
         values.collect::<BTreeSet<_>>().len() > 1
-    };
-    let untold = (0..rows.names.len()).filter(|&index| !by.tells(index) && differs(index));
+    }
+    let untold =
+        (0..rows.names.len()).filter(|&index| !by.tells(index) && differs(index, &rows.rows));
     match String::from_iter(untold.map(|index| format!("_{{{}}}", rows.names[index].0))) {
         all_told if all_told.is_empty() => {
             "in names capital letters do not count, and one `-` stands for all that is no letter, digit, `.`, `_`, `+` or `-`".into()
@@ -574,7 +611,9 @@ pub fn schema() -> serde_json::Value {
 
 /// The words of sweeps.
 pub fn words() -> Vec<Word> {
-    let of = |within, schema: schemars::Schema| words_of_fields("sweep", within, &schema.into());
+    fn of(within: &str, schema: schemars::Schema) -> Vec<Word> {
+        words_of_fields("sweep", within, &schema.into())
+    }
     let axes: serde_json::Value = schemars::schema_for!(Axis).into();
     let mut words = of("Sweep", schemars::schema_for!(File));
     words.extend(of("picture", schemars::schema_for!(Picture)));

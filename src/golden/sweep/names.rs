@@ -37,7 +37,9 @@ const LONGEST: usize = 100;
 impl Template {
     /// Reads a template of values with these names; `{{` stands for a brace.
     pub(super) fn read(text: &str, names: &[&str]) -> Result<Self, Wrong> {
-        let wrong = |at, message: &str| Wrong { at, message: message.to_owned(), unknown: None };
+        fn wrong(at: usize, message: &str) -> Wrong {
+            Wrong { at, message: message.to_owned(), unknown: None }
+        }
         if let Some(at) = text.find(['\\', ':', '\0']) {
             return Err(wrong(
                 at,
@@ -64,15 +66,17 @@ impl Template {
                     let (name, behind) =
                         rest.split_once('}').ok_or_else(|| wrong(at, "`{` is not closed"))?;
                     let index = names.iter().position(|known| *known == name);
-                    let unknown = || Wrong {
-                        unknown: Some(name.to_owned()),
-                        ..wrong(at, &format!("nothing in `over` has the name `{name}`"))
-                    };
+                    fn unknown(at: usize, name: &str) -> Wrong {
+                        Wrong {
+                            unknown: Some(name.to_owned()),
+                            ..wrong(at, &format!("nothing in `over` has the name `{name}`"))
+                        }
+                    }
                     pieces.push(Piece::Text(std::mem::take(&mut plain)));
                     pieces.push(match index {
                         Some(index) => Piece::Value(index),
                         None if name == "index" => Piece::Index,
-                        None => return Err(unknown()),
+                        None => return Err(unknown(at, name)),
                     });
                     rest = behind;
                 }
@@ -86,7 +90,9 @@ impl Template {
 
     /// All values, with `_` between them.
     pub(super) fn of_all(count: usize) -> Self {
-        let gap = |index| if index == 0 { String::new() } else { "_".to_owned() };
+        fn gap(index: usize) -> String {
+            if index == 0 { String::new() } else { "_".to_owned() }
+        }
         let pieces = (0..count).flat_map(|index| [Piece::Text(gap(index)), Piece::Value(index)]);
         Self { pieces: pieces.collect() }
     }
@@ -195,7 +201,7 @@ mod tests {
 
     fn named(template: &str, values: &[&str]) -> String {
         let template = Template::read(template, &["scan", "growth"]).unwrap();
-        template.name(7, &Vec::from_iter(values.iter().map(|value| (*value).to_owned())))
+        template.name(7, &values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>())
     }
 
     #[test]
@@ -228,10 +234,10 @@ mod tests {
 
     #[test]
     fn a_template_that_means_nothing_is_told_at_its_place() {
-        let wrong = |template: &str| {
+        fn wrong(template: &str) -> (usize, String) {
             let wrong = Template::read(template, &["scan"]).err().unwrap();
             (wrong.at, wrong.message)
-        };
+        }
         for (template, at) in [
             ("{scan", 0),
             ("a}", 1),
@@ -249,7 +255,7 @@ mod tests {
     #[test]
     fn tasks_that_are_in_each_others_way_are_found() {
         let clash =
-            |names: &[&str]| clash(&Vec::from_iter(names.iter().map(|it| (*it).to_owned())));
+            |names: &[&str]| clash(&names.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>());
         assert_eq!(clash(&["a", "b/c", "b/d"]), None);
         assert_eq!(clash(&["a", "b", "A"]), Some(Clash::Same(0, 2)));
         assert_eq!(clash(&["caf\u{e9}", "Cafe\u{301}"]), Some(Clash::Same(0, 1)));

@@ -20,7 +20,7 @@ const MAX_FOUND: usize = 100_000;
 /// # Errors
 /// In words, if it is no pattern, or a folder cannot be read.
 pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String> {
-    let parts = Vec::from_iter(pattern.split('/'));
+    let parts: Vec<_> = pattern.split('/').collect();
     if parts.iter().any(|part| part.is_empty()) {
         return Err("a pattern is a path relative to this file, `scans/*/range.pcd`".to_owned());
     }
@@ -66,20 +66,26 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String
         }
         found = next;
     }
-    let named = |(path, stars): (PathBuf, Vec<String>)| {
-        let stem = || path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let name = if is_plain { stem() } else { stars.join("_") };
-        Found { path, name }
-    };
-    let mut found = Vec::from_iter(found.into_iter().map(named));
+    let mut found: Vec<_> = found
+        .into_iter()
+        .map(|(path, stars): (PathBuf, Vec<String>)| {
+            fn stem(path: &Path) -> String {
+                path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+            }
+            let name = if is_plain { stem(&path) } else { stars.join("_") };
+            Found { path, name }
+        })
+        .collect();
     found.sort_by(|a, b| natural(&a.name, &b.name).then_with(|| a.path.cmp(&b.path)));
     Ok(found)
 }
 
 /// What stands in a name from the first star of a pattern to the last one; none if the name does not fit.
 fn standing_for(pattern: &str, name: &str) -> Option<String> {
-    let is_wild = |c: char| c == '*' || c == '?';
-    let (pattern, name) = (Vec::from_iter(pattern.chars()), Vec::from_iter(name.chars()));
+    fn is_wild(c: char) -> bool {
+        c == '*' || c == '?'
+    }
+    let (pattern, name) = (pattern.chars().collect::<Vec<_>>(), name.chars().collect::<Vec<_>>());
     if !fits(&pattern, &name) {
         return None;
     }
@@ -122,7 +128,9 @@ fn natural(a: &str, b: &str) -> Ordering {
             |text: &str| text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit()).len();
         let (in_a, in_b) = (digits(a), digits(b));
         if 0 < in_a && 0 < in_b {
-            let number = |text: &str| text.trim_start_matches('0').to_owned();
+            fn number(text: &str) -> String {
+                text.trim_start_matches('0').to_owned()
+            }
             let (one, other) = (number(&a[..in_a]), number(&b[..in_b]));
             let order = one.len().cmp(&other.len()).then_with(|| one.cmp(&other));
             if order != Ordering::Equal {
@@ -155,16 +163,16 @@ mod tests {
             }
         }
         fs::write(scans.join("notes.txt"), "").unwrap();
-        let names = |pattern: &str| {
+        fn names(pattern: &str, folder: &tempfile::TempDir) -> Vec<String> {
             let found = matches(folder.path(), pattern).unwrap();
-            Vec::from_iter(found.into_iter().map(|found| found.name))
-        };
-        assert_eq!(names("scans/*/range.pcd"), ["doll-1", "doll-2", "doll-10"]);
-        assert_eq!(names("scans/doll-*/*.pcd"), ["1_range", "2_range", "10_range"]);
-        assert_eq!(names("scans/doll-?"), ["1", "2"]);
-        assert_eq!(names("scans/*.txt"), ["notes"]);
-        assert_eq!(names("scans/notes.txt"), ["notes"]);
-        assert_eq!(names("nowhere/*"), [""; 0]);
+            found.into_iter().map(|found| found.name).collect::<Vec<_>>()
+        }
+        assert_eq!(names("scans/*/range.pcd", &folder), ["doll-1", "doll-2", "doll-10"]);
+        assert_eq!(names("scans/doll-*/*.pcd", &folder), ["1_range", "2_range", "10_range"]);
+        assert_eq!(names("scans/doll-?", &folder), ["1", "2"]);
+        assert_eq!(names("scans/*.txt", &folder), ["notes"]);
+        assert_eq!(names("scans/notes.txt", &folder), ["notes"]);
+        assert_eq!(names("nowhere/*", &folder), [""; 0]);
         let beside = matches(&scans.join("empty"), "../notes.txt").unwrap();
         assert_eq!(beside[0].path, fs::canonicalize(&scans).unwrap().join("notes.txt"));
         for wrong in ["/etc/*", "scans//a", "scans/**/range.pcd", ""] {

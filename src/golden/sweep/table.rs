@@ -79,7 +79,7 @@ fn csv(text: &str) -> Result<Table, String> {
     }
     let mut records = records(text)?.into_iter();
     let names = records.next().unwrap_or_default();
-    let names = Vec::from_iter(names.into_iter().map(|field| field.text.trim().to_owned()));
+    let names: Vec<_> = names.into_iter().map(|field| field.text.trim().to_owned()).collect();
     let mut rows = Vec::new();
     for record in records {
         let line = record.first().map_or(1, |field| field.line);
@@ -174,14 +174,23 @@ fn json(text: &str) -> Result<Table, String> {
         if let Some(name) = row.keys().find(|name| !table.names.contains(name)) {
             return Err(format!("row {}: the first row has no `{name}`", index + 1));
         }
-        let cell = |name: &String| {
-            let value = row.get(name).filter(|value| !value.is_null());
-            let value = value.ok_or_else(|| format!("row {}: `{name}` has no value", index + 1))?;
-            let text =
-                ron(value).ok_or_else(|| format!("row {}: `{name}` is an object", index + 1))?;
-            Ok(Cell { shown: value.as_str().map_or_else(|| text.clone(), str::to_owned), text })
-        };
-        table.rows.push(table.names.iter().map(cell).collect::<Result<_, String>>()?);
+        table.rows.push(
+            table
+                .names
+                .iter()
+                .map(|name| {
+                    let value = row.get(name).filter(|value| !value.is_null());
+                    let value =
+                        value.ok_or_else(|| format!("row {}: `{name}` has no value", index + 1))?;
+                    let text = ron(value)
+                        .ok_or_else(|| format!("row {}: `{name}` is an object", index + 1))?;
+                    Ok(Cell {
+                        shown: value.as_str().map_or_else(|| text.clone(), str::to_owned),
+                        text,
+                    })
+                })
+                .collect::<Result<_, String>>()?,
+        );
     }
     Ok(table)
 }
@@ -205,8 +214,9 @@ mod tests {
 
     fn rows(path: &str, text: &str) -> Vec<Vec<String>> {
         let table = read(path, text).unwrap();
-        let row = |row: &Vec<Cell>| row.iter().map(|cell| cell.text.clone()).collect();
-        std::iter::once(table.names.clone()).chain(table.rows.iter().map(row)).collect()
+        std::iter::once(table.names.clone())
+            .chain(table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect()))
+            .collect()
     }
 
     #[test]

@@ -101,11 +101,16 @@ impl PortDescription {
 pub fn ports(schema: &Json) -> Vec<PortDescription> {
     let properties = schema.get("properties").and_then(Json::as_object);
     let required = schema.get("required").and_then(Json::as_array);
-    let is_optional = |name: &str| {
+    fn is_optional(name: &str, required: &Option<&Vec<Json>>) -> bool {
         !required.is_some_and(|required| required.iter().any(|field| field.as_str() == Some(name)))
-    };
-    let port = |(name, field): (&String, &Json)| port(name, field, is_optional(name));
-    properties.into_iter().flatten().filter_map(port).collect()
+    }
+    properties
+        .into_iter()
+        .flatten()
+        .filter_map(|(name, field): (&String, &Json)| {
+            port(name, field, is_optional(name, &required))
+        })
+        .collect()
 }
 
 fn words(list: &Json) -> Vec<String> {
@@ -137,7 +142,7 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
     if refers.is_some_and(|refers| within.contains(&refers)) {
         return "..".into();
     }
-    let within = &Vec::from_iter(within.iter().copied().chain(refers))[..];
+    let within = &within.iter().copied().chain(refers).collect::<Vec<_>>()[..];
     let schema = &inside(schema, root);
     let variants = variants(schema);
     if !variants.is_empty() {
@@ -166,7 +171,7 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
             let words = |k| item(k).map_or_else(String::new, |item| described(item, root, within));
             match count {
                 Some(count) => {
-                    let words = Vec::from_iter((0..count).map(words)).join(", ");
+                    let words = (0..count).map(words).collect::<Vec<_>>().join(", ");
                     format!("({words}){unit}")
                 }
                 None => format!("[{}, ..]{unit}", words(0)),
@@ -193,7 +198,7 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
                     format!("{kind} {least} to {most}{unit}")
                 }
                 _ => {
-                    let range = Vec::from_iter(lowest.into_iter().chain(highest)).join(",");
+                    let range = lowest.into_iter().chain(highest).collect::<Vec<_>>().join(",");
                     format!("{kind}{range}{unit}")
                 }
             }

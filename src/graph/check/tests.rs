@@ -29,9 +29,9 @@ fn check_growth(text: impl Fn(usize) -> String) {
 
 #[test]
 fn ten_times_as_many_broken_links_take_ten_times_as_long() {
-    let switch = |k: usize, link: String| {
+    fn switch(k: usize, link: String) -> String {
         format!("\"n{k}\": Switch(cases: {{\"a\": \"{link}\"}}, choose: a),")
-    };
+    }
     check_growth(|count| {
         let broken = (0..count).map(|k| switch(k, format!("nn{k}")));
         graph("", &String::from_iter(broken), "")

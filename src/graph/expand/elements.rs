@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use maquette_syntax::error::{Problem, code};
+use maquette_syntax::error::code;
 
 use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
 use crate::definition::{Counted, Definition, Draft, Elements, Pick, Repeat};
@@ -63,7 +63,7 @@ impl Expansion<'_, '_> {
                 (Some(count.unwrap_or(0)), None)
             }
         };
-        let outputs = Vec::from_iter(draft.what.outputs().into_iter().map(str::to_owned));
+        let outputs: Vec<_> = draft.what.outputs().into_iter().map(str::to_owned).collect();
         let carried = repeat.carry.iter().filter_map(|(port, _)| {
             Some((port, outputs.iter().position(|output| output == port)?))
         });
@@ -84,10 +84,9 @@ impl Expansion<'_, '_> {
                 .and_then(|(port, data)| Some(((*port).clone(), data.get(index).copied()?)));
             let mut links = Vec::from_iter(element);
             if let Some(before) = elements.last() {
-                let given = |(port, output): &(&String, usize)| {
+                links.extend(carried.iter().filter_map(|(port, output)| {
                     Some((field_of(port), before.get(*output).copied()?))
-                };
-                links.extend(carried.iter().filter_map(given));
+                }));
             }
             let number = repeat.number.as_ref().map(|name| numbered(name, index + 1));
             let one = One { name: Some(text), links, number };
@@ -99,19 +98,22 @@ impl Expansion<'_, '_> {
         // What is wrong at one place is so for each element, whose numbers alone differ.
         let found = self.world.problems.split_off(known);
         let mut seen = HashSet::new();
-        let is_new = |it: &Problem| seen.insert((it.source.name.clone(), it.span, it.code));
-        self.world.problems.extend(found.into_iter().filter(is_new));
+        self.world.problems.extend(
+            found.into_iter().filter(|it| seen.insert((it.source.name.clone(), it.span, it.code))),
+        );
         let expected = self.expect[expected..].iter_mut();
         expected.for_each(|it| it.is_example |= count.is_none());
-        let first = |port: &String| {
+        fn first(port: &String, draft: &Draft, values: &Values) -> Option<(usize, usize)> {
             let link = draft.links.iter().position(|link| name_of(&link.port) == *port)?;
             linked(draft, link, values).first().copied()
-        };
+        }
         let given = (0..outputs.len()).map(|output| {
             let all = || elements.iter().filter_map(|element| element.get(output).copied());
             match carried.iter().find(|(_, carried)| *carried == output) {
                 // Nothing is done to what is carried through no element.
-                Some((port, _)) => all().next_back().or_else(|| first(port)).into_iter().collect(),
+                Some((port, _)) => {
+                    all().next_back().or_else(|| first(port, draft, values)).into_iter().collect()
+                }
                 None => all().collect(),
             }
         });

@@ -61,11 +61,16 @@ impl Expansion<'_, '_> {
             let givers = ports.map(|(node, _)| node).collect();
             (name, Expecter { uses: scope.uses.clone(), inside, givers })
         });
-        let at_border = |word: &str| {
-            let inputs = definition.drafts[..definition.inputs].iter();
-            definition.ports.iter().any(|port| port.name == word)
+        fn at_border(
+            word: &str,
+            definition_drafts: &[crate::definition::Draft],
+            definition_inputs: usize,
+            definition_ports: &[crate::definition::Port],
+        ) -> bool {
+            let inputs = definition_drafts[..definition_inputs].iter();
+            definition_ports.iter().any(|port| port.name == word)
                 || inputs.map(|input| &input.name.text).any(|name| name == word)
-        };
+        }
         for Expecting { expectation, span, targets } in &definition.expect {
             // Of an input that is left out nothing is expected.
             if targets.iter().flatten().any(|it| target(it).is_none()) {
@@ -74,7 +79,16 @@ impl Expansion<'_, '_> {
             let mut expectation = expectation.clone();
             if let Some((name, _)) = &of {
                 for word in expectation.values_mut() {
-                    let gap = if at_border(word) { '.' } else { '/' };
+                    let gap = if at_border(
+                        word,
+                        &definition.drafts,
+                        definition.inputs,
+                        &definition.ports,
+                    ) {
+                        '.'
+                    } else {
+                        '/'
+                    };
                     *word = format!("{name}{gap}{word}");
                 }
             }

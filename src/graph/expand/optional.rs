@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Tree};
 
-use super::{Scope, Target};
+use super::Scope;
 use crate::definition::{Definition, Draft};
 
 /// The places of links that are left out, and whether each is at a port that takes many.
@@ -15,11 +15,13 @@ pub(super) type Absent = HashMap<Span, bool>;
 
 /// The links of a draft to inputs that are left out, by their places.
 pub(super) fn absent(definition: &Definition, draft: &Draft, scope: &Scope) -> Absent {
-    let is_absent = |&(node, _): &Target| {
-        definition.drafts[node].is_optional && scope.inputs.get(node).is_none_or(Option::is_none)
-    };
     let links = draft.links.iter().zip(&draft.targets);
-    let absent = links.filter(|(_, targets)| targets.iter().flatten().any(is_absent));
+    let absent = links.filter(|(_, targets)| {
+        targets.iter().flatten().any(|&(node, _)| {
+            definition.drafts[node].is_optional
+                && scope.inputs.get(node).is_none_or(Option::is_none)
+        })
+    });
     absent.map(|(link, _)| (link.span, link.many)).collect()
 }
 
@@ -28,18 +30,18 @@ pub(super) fn without_links(tree: &Tree, gone: &Absent) -> Tree {
     if gone.is_empty() {
         return tree.clone();
     }
-    let is_gone = |tree: &Tree| {
+    fn is_gone(tree: &Tree, gone: &HashMap<Span, bool>) -> Option<bool> {
         let link = tree.call_of("Some").unwrap_or(tree);
         gone.get(&link.span).copied().filter(|_| link.text().is_some())
-    };
-    let items = |items: &[Tree]| {
-        let kept = items.iter().filter(|item| is_gone(item).is_none());
+    }
+    fn items(items: &[Tree], gone: &HashMap<Span, bool>) -> Vec<Tree> {
+        let kept = items.iter().filter(|item| is_gone(item, gone).is_none());
         kept.map(|item| without_links(item, gone)).collect()
-    };
+    }
     let kind = match &tree.kind {
         Kind::Call { name, body: Body::Fields(fields) } => {
             let kept = fields.iter().filter_map(|field| {
-                let value = match is_gone(&field.value) {
+                let value = match is_gone(&field.value, gone) {
                     None => without_links(&field.value, gone),
                     // The only link of a list.
                     Some(true) => Tree::new(field.value.span, Kind::List(Vec::new())),
@@ -50,9 +52,9 @@ pub(super) fn without_links(tree: &Tree, gone: &Absent) -> Tree {
             Kind::Call { name: name.clone(), body: Body::Fields(kept.collect()) }
         }
         Kind::Call { name, body: Body::Items(list) } => {
-            Kind::Call { name: name.clone(), body: Body::Items(items(list)) }
+            Kind::Call { name: name.clone(), body: Body::Items(items(list, gone)) }
         }
-        Kind::List(list) => Kind::List(items(list)),
+        Kind::List(list) => Kind::List(items(list, gone)),
         plain => plain.clone(),
     };
     Tree { kind, ..tree.clone() }

@@ -102,7 +102,9 @@ pub(crate) fn is_constant(word: &str) -> bool {
 
 /// A value of the sine and cosine of an angle; a pure number is one in rad.
 fn of_angle(x: Quantity, value: fn((f64, f64)) -> f64) -> Result<Quantity, usize> {
-    let named = |name| Unit::named(name).unwrap_or_default();
+    fn named(name: &str) -> Unit {
+        Unit::named(name).unwrap_or_default()
+    }
     let rad = Quantity { unit: if x.unit.is_pure() { named("rad") } else { x.unit }, ..x };
     match rad.unit {
         unit if unit == named("deg") => Ok(Quantity::pure(value(of_degrees(x.value)))),

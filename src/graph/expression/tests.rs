@@ -3,10 +3,10 @@
 use super::*;
 
 fn value(text: &str) -> Result<Outcome, String> {
-    let number = |value, unit: &str| {
+    fn number(value: f64, unit: &str) -> Outcome {
         let unit = Unit::read(unit).unwrap_or_default();
         Outcome::Number(Quantity { value, unit })
-    };
+    }
     let parameters = BTreeMap::from([
         ("growth".to_owned(), number(12.0, "")),
         ("eye-step".to_owned(), number(3.0, "")),
@@ -19,12 +19,15 @@ fn value(text: &str) -> Result<Outcome, String> {
         ("flat".to_owned(), Outcome::Truth(true)),
     ]);
     evaluate(text, &parameters).map_err(|error| {
-        let place = |at: &Range<usize>| text[at.clone()].to_owned();
-        let at = error.at.as_ref().map_or_else(String::new, |at| format!(" at {}", place(at)));
+        fn place(at: &Range<usize>, text: &str) -> String {
+            text[at.clone()].to_owned()
+        }
+        let at =
+            error.at.as_ref().map_or_else(String::new, |at| format!(" at {}", place(at, text)));
         let note = error.note.as_ref();
         let note = note.map_or_else(String::new, |note| {
             let (at, words) = &**note;
-            format!(" ({}: {words})", place(at))
+            format!(" ({}: {words})", place(at, text))
         });
         format!("{error}; {}{at}{note}", error.help(&parameters))
     })
@@ -61,11 +64,11 @@ fn a_hyphen_belongs_to_a_known_name_and_subtracts_otherwise() {
 
 #[test]
 fn the_parameters_in_an_expression_are_those_that_it_is_computed_from() {
-    let named = |text: &str| {
+    fn named(text: &str) -> Option<String> {
         let is_known = |name: &str| matches!(name, "a" | "a-b" | "min" | "and");
         let names = named_parameters(text, &is_known)?;
-        Some(Vec::from_iter(names.into_iter().map(|at| text[at].to_owned())).join(" "))
-    };
+        Some(names.into_iter().map(|at| text[at].to_owned()).collect::<Vec<_>>().join(" "))
+    }
     assert_eq!(named("a - b-1").as_deref(), Some("a b"));
     assert_eq!(named(" a-b*min(min, 2)-a").as_deref(), Some("a-b min a"));
     assert_eq!(named("if(not a and and, (a) and 1e3, 2)").as_deref(), Some("a and a"));
@@ -106,7 +109,9 @@ fn products_and_quotients_combine_units_or_cancel_them() {
 
 #[test]
 fn units_that_do_not_go_together_are_named_with_both_places() {
-    let wrong = |text: &str| value(text).unwrap_err();
+    fn wrong(text: &str) -> String {
+        value(text).unwrap_err()
+    }
     let help = "what is added, compared or chosen from measures the same";
     assert_eq!(
         wrong("2 * depth + turn"),
@@ -140,7 +145,9 @@ fn units_that_do_not_go_together_are_named_with_both_places() {
 
 #[test]
 fn what_is_not_finite_is_an_error_wherever_it_arises() {
-    let wrong = |text: &str| value(text).unwrap_err();
+    fn wrong(text: &str) -> String {
+        value(text).unwrap_err()
+    }
     for (text, message) in [
         ("max(zero / zero, 3)", "`zero / zero` gives NaN, from 0 and 0"),
         ("min(growth % zero, 3)", "`growth % zero` gives NaN, from 12 and 0"),
@@ -177,7 +184,8 @@ fn what_is_computed_from_nan_is_nan_and_compares_with_nothing() {
             (function.least..=function.most.min(3)).flat_map(|n| (0..n).map(move |k| (k, n)))
         {
             let argument = |k: usize| if k == place { "a" } else { ["0", "1", "2"][k] };
-            let call = format!("{name}({})", Vec::from_iter((0..count).map(argument)).join(", "));
+            let call =
+                format!("{name}({})", (0..count).map(argument).collect::<Vec<_>>().join(", "));
             let Ok(Outcome::Number(found)) = evaluate_any(&call, &parameters) else {
                 panic!("{call}")
             };
@@ -194,11 +202,11 @@ fn what_is_computed_from_nan_is_nan_and_compares_with_nothing() {
 
 #[test]
 fn angles_are_computed_in_their_units() {
-    let near = |text: &str, expected: f64, unit: &str| {
+    fn near(text: &str, expected: f64, unit: &str) {
         let Ok(Outcome::Number(found)) = value(text) else { panic!("{text}: {:?}", value(text)) };
         assert!((found.value - expected).abs() < 1e-14, "{text}: {}", found.value);
         assert_eq!(found.unit, Unit::read(unit).unwrap_or_default(), "{text}");
-    };
+    }
     near("sin(turn)", 0.5, "");
     near("sin(pi / 6)", 0.5, "");
     near("depth * cos(deg(60))", 6.0, "mm");
@@ -209,7 +217,9 @@ fn angles_are_computed_in_their_units() {
     near("atan2(depth, cm(1.2))", std::f64::consts::FRAC_PI_4, "rad");
     check("cos(deg(90)) + sin(deg(-180)) + sin(deg(720))", 0.0);
     check("sin(deg(450)) - cos(deg(-180))", 2.0);
-    let wrong = |text: &str| value(text).unwrap_err();
+    fn wrong(text: &str) -> String {
+        value(text).unwrap_err()
+    }
     assert_eq!(wrong("sin(depth)"), "`sin` wants an angle, but `depth` is in mm;  at depth");
     assert!(wrong("atan2(depth, turn)").starts_with("`atan2` wants one unit"));
     assert_eq!(wrong("acos(turn)"), "`acos` wants a pure number, but `turn` is in deg;  at turn");
@@ -221,7 +231,9 @@ fn powers_have_powers_of_units() {
     check_unit("pow(depth, 2)", 144.0, "mm^2");
     check_unit("pow(width, -1)", 0.4, "1/cm");
     check("pow(depth, 0)", 1.0);
-    let wrong = |text: &str| value(text).unwrap_err();
+    fn wrong(text: &str) -> String {
+        value(text).unwrap_err()
+    }
     assert_eq!(
         wrong("pow(depth, 0.5)"),
         "`pow` wants a pure number or a whole exponent, but `depth` is in mm;  at depth"
@@ -233,10 +245,10 @@ fn powers_have_powers_of_units() {
 fn a_parameter_may_have_the_name_of_a_constant() {
     let parameters = BTreeMap::from([("pi".to_owned(), Outcome::Number(Quantity::pure(3.0)))]);
     assert_eq!(evaluate("pi", &parameters), Ok(Outcome::Number(Quantity::pure(3.0))));
-    let named = |text: &str, parameter: &str| {
+    fn named(text: &str, parameter: &str) -> Vec<String> {
         let spans = named_parameters(text, &|name| name == parameter).unwrap();
-        Vec::from_iter(spans.into_iter().map(|span| text[span].to_owned()))
-    };
+        spans.into_iter().map(|span| text[span].to_owned()).collect::<Vec<_>>()
+    }
     assert_eq!(named("pi + true", "pi"), ["pi"]);
     assert_eq!(named("pi + a", ""), ["a"]);
 }
@@ -255,7 +267,9 @@ fn a_long_expression_is_read_in_time() {
 
 #[test]
 fn mistakes_are_explained() {
-    let wrong = |text: &str| value(text).unwrap_err();
+    fn wrong(text: &str) -> String {
+        value(text).unwrap_err()
+    }
     assert_eq!(wrong("growth * "), "the expression ends where a number or a name should be; ");
     assert_eq!(wrong("grwth"), "the graph has no parameter `grwth`; did you mean `growth`?");
     assert_eq!(wrong("flor(1)"), "there is no function `flor`; did you mean `floor`?");

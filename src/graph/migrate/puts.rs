@@ -57,8 +57,11 @@ pub fn renewed_put(node: &Tree, path: &str, value: &Tree, catalog: &Catalog) -> 
     }
     let (mut steps, mut numbers) = (Vec::new(), numbers.into_iter());
     let found = marked(&put, &mut steps)?;
-    let step = |step: Option<String>| step.or_else(|| Some(numbers.next()?.to_string()));
-    let path = Vec::from_iter(steps.into_iter().filter_map(step)).join(".");
+    let path = steps
+        .into_iter()
+        .filter_map(|step: Option<String>| step.or_else(|| Some(numbers.next()?.to_string())))
+        .collect::<Vec<_>>()
+        .join(".");
     Some(Renewed { path, value: Tree { span: value.span, ..found.clone() }, findings })
 }
 
@@ -96,7 +99,7 @@ pub fn renewed_text(old: &Tree, new: &Tree, text: &str) -> String {
 /// The nodes of a graph's text whose types are the packs', not graphs that it uses.
 pub(crate) fn nodes_of_packs(graph: &Tree) -> impl Iterator<Item = (&str, &Tree)> {
     let fields = graph.fields().unwrap_or_default();
-    let own = Vec::from_iter(entries(fields, "use").map(|(name, _)| name));
+    let own: Vec<_> = entries(fields, "use").map(|(name, _)| name).collect();
     entries(fields, "nodes").filter(move |(_, node)| {
         let kind = super::Call::of(node).map(|call| call.kind.text);
         kind.is_some_and(|kind| !own.contains(&&kind[..]))
@@ -196,12 +199,13 @@ pub fn renewed_node(graph: &Tree, name: &str, catalog: &Catalog) -> Vec<Finding>
 pub fn ready_for(text: String, target: &str, catalog: &Catalog) -> String {
     let (tree, _) = parse(&text);
     let Some((node, name, path)) = node_of(&tree, target) else { return text };
-    let goes_there = |field: &Field| {
+    if !node.fields().unwrap_or_default().iter().any(|field| {
         let renewed = renewed_put(node, &field.name.text, &field.value, catalog);
-        let first = |path: &str| path.split('.').next().map(str::to_owned);
+        fn first(path: &str) -> Option<String> {
+            path.split('.').next().map(str::to_owned)
+        }
         renewed.is_some_and(|renewed| first(&renewed.path) == first(path))
-    };
-    if !node.fields().unwrap_or_default().iter().any(goes_there) {
+    }) {
         return text;
     }
     let mut ready = text;
@@ -231,18 +235,21 @@ mod tests {
     fn a_field_of_a_patch_that_is_in_a_group_now_leaves_the_rest_of_the_group_alone() {
         let catalog = Catalog::new(&[&PACK]);
         let graph = parse("Graph(nodes: {\"a\": A(), \"b\": ForEach(graph: \"A\")})").0;
-        let migrated = |nodes: &str| {
+        fn migrated(nodes: &str, graph: &Tree, catalog: &Catalog) -> String {
             let text = format!("Patch(nodes: {{ {nodes} }})");
-            let splices = of_patch(&parse(&text).0, &graph, &text, &catalog);
+            let splices = of_patch(&parse(&text).0, graph, &text, catalog);
             let text = apply(&text, splices);
             text.trim_start_matches("Patch(nodes: { ").trim_end_matches(" })").to_owned()
-        };
-        assert_eq!(migrated("\"a\": (top: 1)"), "\"a.edge\": (top: 2)");
+        }
+        assert_eq!(migrated("\"a\": (top: 1)", &graph, &catalog), "\"a.edge\": (top: 2)");
         assert_eq!(
-            migrated("\"a\": (size: 3, top: 1, other: 4)"),
+            migrated("\"a\": (size: 3, top: 1, other: 4)", &graph, &catalog),
             "\"a\": (sizes: 6, other: 4), \"a.edge\": (top: 2)"
         );
-        assert_eq!(migrated("\"b\": (with: (size: 1))"), "\"b\": (with: (sizes: 2))");
+        assert_eq!(
+            migrated("\"b\": (with: (size: 1))", &graph, &catalog),
+            "\"b\": (with: (sizes: 2))"
+        );
     }
 
     #[test]

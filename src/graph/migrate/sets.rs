@@ -16,11 +16,13 @@ impl Graph {
     /// The text of a test of some graphs with the new names of all fields that it sets.
     pub fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let read = |path: &PathBuf| {
-            let text = read_text(path).ok()?;
-            Some(patched_tree(path, text, catalog, &options))
-        };
-        let graphs = Vec::from_iter(graphs.iter().filter_map(read));
+        let graphs: Vec<_> = graphs
+            .iter()
+            .filter_map(|path| {
+                let text = read_text(path).ok()?;
+                Some(patched_tree(path, text, catalog, &options))
+            })
+            .collect();
         apply(text, of_test(&parse(text).0, &graphs, text, catalog))
     }
 }
@@ -35,8 +37,11 @@ fn of_test(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<S
             };
             for (key, value) in set {
                 let Some(target) = key.text() else { continue };
-                let now = |graph| renewed_target(graph, target, value, catalog);
-                let Some((now, renewed)) = graphs.iter().find_map(now) else { continue };
+                let Some((now, renewed)) =
+                    graphs.iter().find_map(|graph| renewed_target(graph, target, value, catalog))
+                else {
+                    continue;
+                };
                 if now != target {
                     splices.push((key.span, quoted(&now)));
                 }

@@ -31,14 +31,16 @@ impl Order {
     ) -> Self {
         let places = declarations.iter().enumerate();
         let places: HashMap<&str, usize> = places.map(|(at, it)| (&it.name[..], at)).collect();
-        let needed = |declared: &Declaration| match is_parametric(&declared.default) {
-            true => {
-                let names = names_in(&declared.default, &|name| places.contains_key(name));
-                names.iter().filter_map(|name| places.get(&name[..]).copied()).collect()
-            }
-            false => Vec::new(),
-        };
-        let needed = Vec::from_iter(declarations.iter().map(needed));
+        let needed: Vec<_> = declarations
+            .iter()
+            .map(|declared| match is_parametric(&declared.default) {
+                true => {
+                    let names = names_in(&declared.default, &|name| places.contains_key(name));
+                    names.iter().filter_map(|name| places.get(&name[..]).copied()).collect()
+                }
+                false => Vec::new(),
+            })
+            .collect();
         let mut states = vec![State::New; declarations.len()];
         let mut is_cyclic = vec![false; declarations.len()];
         let mut all = Vec::with_capacity(declarations.len());
@@ -81,7 +83,7 @@ impl Order {
 
 /// Says of parameters that each is computed from the next one, and the last from the first.
 fn told(declarations: &[Declaration], cycle: &[usize], sheet: &Sheet) -> Finding {
-    let all = Vec::from_iter(cycle.iter().map(|&at| &declarations[at]));
+    let all: Vec<_> = cycle.iter().map(|&at| &declarations[at]).collect();
     let names = all.iter().chain(all.first()).map(|declared| &declared.name[..]);
     let message = format!("cycle: {}", Vec::from_iter(names).join(" -> "));
     let next = all.iter().skip(1).chain(all.first());

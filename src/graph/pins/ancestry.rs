@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::difference::{in_short, parameter_difference, parameter_name};
-use crate::files::{Known, NodeFile, Reads};
+use crate::files::{Known, Reads};
 use crate::{GraphNode, Link};
 
 /// What a result was computed from.
@@ -98,10 +98,11 @@ impl Ancestry {
                 else {
                     continue;
                 };
-                let is_kind = |old: &&Step| later.get(to).is_some_and(|now| now.kind == old.kind);
                 if (port, output) == (old_port, old_output)
                     && !later.contains_key(from)
-                    && before.get(from).is_some_and(is_kind)
+                    && before
+                        .get(from)
+                        .is_some_and(|old| later.get(to).is_some_and(|now| now.kind == old.kind))
                 {
                     names.entry(to).or_insert(from);
                 }
@@ -114,20 +115,26 @@ impl Ancestry {
 impl Step {
     fn of(nodes: &[GraphNode], index: usize, reads: &Reads<'_>) -> Self {
         let node = &nodes[index];
-        let link = |link: &Link| {
-            let source = &nodes[link.node];
-            (link.port.clone(), format!("{}.{}", source.name, source.outputs[link.output]))
-        };
-        let file = |file: &NodeFile| {
-            let hash = reads.hash(file).ok().flatten();
-            (file.given.clone(), hash.map(|hash| hash.to_string()))
-        };
         Self {
             name: node.name.clone(),
             kind: node.kind().to_owned(),
             parameters: node.recipe.without_paths(),
-            links: node.links.iter().map(link).collect(),
-            files: node.files.iter().map(file).collect(),
+            links: node
+                .links
+                .iter()
+                .map(|link| {
+                    let source = &nodes[link.node];
+                    (link.port.clone(), format!("{}.{}", source.name, source.outputs[link.output]))
+                })
+                .collect(),
+            files: node
+                .files
+                .iter()
+                .map(|file| {
+                    let hash = reads.hash(file).ok().flatten();
+                    (file.given.clone(), hash.map(|hash| hash.to_string()))
+                })
+                .collect(),
         }
     }
 
@@ -139,14 +146,18 @@ impl Step {
             let (name, before, now) = (parameter_name(&path), in_short(&before), in_short(&now));
             return Some(format!("`{owner}{name}` changed ({before} -> {now})"));
         }
-        let links = Vec::from_iter(now.links.iter().map(|(port, to)| {
-            let (to, output) = to.rsplit_once('.').unwrap_or((to, ""));
-            (port.clone(), format!("{}.{output}", names.get(to).unwrap_or(&to)))
-        }));
+        let links: Vec<_> = now
+            .links
+            .iter()
+            .map(|(port, to)| {
+                let (to, output) = to.rsplit_once('.').unwrap_or((to, ""));
+                (port.clone(), format!("{}.{output}", names.get(to).unwrap_or(&to)))
+            })
+            .collect();
         if self.links != links {
-            let port = |a: &[(String, String)], b: &[(String, String)]| {
+            fn port(a: &[(String, String)], b: &[(String, String)]) -> Option<String> {
                 a.iter().find(|link| !b.contains(link)).map(|(port, _)| port.clone())
-            };
+            }
             let port = port(&links, &self.links).or_else(|| port(&self.links, &links));
             let port = port.unwrap_or_default();
             return Some(format!("what is linked to `{}.{port}` changed", now.name));

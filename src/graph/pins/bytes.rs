@@ -17,7 +17,7 @@ struct Header {
 
 /// As they are kept.
 pub fn write(values: &[AnyValue]) -> Vec<u8> {
-    let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
+    let kept: Vec<_> = values.iter().map(AnyValue::keep).collect();
     let columns = || kept.iter().flat_map(|kept: &Kept| &kept.columns);
     let header = Header {
         values: kept.iter().map(|kept| kept.bytes.len()).collect(),
@@ -38,21 +38,31 @@ pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Opti
     let header: Header = serde_json::from_slice(&rest[..end]).ok()?;
     let content = &rest[end + 1..];
     let mut start = 0_usize;
-    let mut next = |length: usize| {
-        let range = start..start.checked_add(length).filter(|end| *end <= content.len())?;
-        start = range.end;
+    fn next(length: usize, start: &mut usize, content: &[u8]) -> Option<Range<usize>> {
+        let range = *start..start.checked_add(length).filter(|end| *end <= content.len())?;
+        *start = range.end;
         Some(range)
-    };
-    let values = header.values.iter().map(|length| next(*length)).collect::<Option<Vec<_>>>()?;
-    let columns = header.columns.iter().map(|(hash, length)| Some((*hash, next(*length)?)));
+    }
+    let values = header
+        .values
+        .iter()
+        .map(|length| next(*length, &mut start, content))
+        .collect::<Option<Vec<_>>>()?;
+    let columns = header
+        .columns
+        .iter()
+        .map(|(hash, length)| Some((*hash, next(*length, &mut start, content)?)));
     let columns = InFile { content, columns: columns.collect::<Option<_>>()? };
-    if values.len() != outputs.len() || next(0)?.end != content.len() {
+    if values.len() != outputs.len() || next(0, &mut start, content)?.end != content.len() {
         return None;
     }
-    let value = |((kind, hash), range): (&(&'static ValueType, Hash), Range<usize>)| {
-        kind.decode(&content[range], &columns, *hash).ok()
-    };
-    outputs.iter().zip(values).map(value).collect()
+    outputs
+        .iter()
+        .zip(values)
+        .map(|((kind, hash), range): (&(&'static ValueType, Hash), Range<usize>)| {
+            kind.decode(&content[range], &columns, *hash).ok()
+        })
+        .collect()
 }
 
 struct InFile<'a> {

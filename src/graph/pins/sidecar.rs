@@ -22,27 +22,27 @@ impl Pins {
         let text = read.as_ref().map_or_else(|_| String::new(), Clone::clone);
         let source = Arc::new(Source { name: name.clone(), text });
         let none = Self { pins: BTreeMap::new(), folder, source };
-        let wrong = |span, message| {
+        fn wrong(span: Span, message: String, none: &Pins) -> Box<Problem> {
             let help = "pins are written by `maquette pin`; take the file away to begin anew";
             Box::new(none.problem(span, code::PIN, message, help.into()))
-        };
+        }
         match read {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(none),
             Err(error) => {
                 let message = format!("the file of pins cannot be read: {error}");
-                return Err(wrong(Span::default(), message));
+                return Err(wrong(Span::default(), message, &none));
             }
             Ok(_) => {}
         }
         let (tree, mistakes) = parse(&none.source.text);
         let mistakes = syntax_problems(&name, &none.source.text, mistakes);
         if let Some(mistake) = mistakes.into_iter().next() {
-            let known = wrong(mistake.span, mistake.message);
+            let known = wrong(mistake.span, mistake.message, &none);
             // What a merge left, say, is put right without losing all pins.
             let help = if mistake.help.is_empty() { known.help.clone() } else { mistake.help };
             return Err(Box::new(Problem { help, ..*known }));
         }
-        let pins = read_pins(&tree).map_err(|(span, message)| wrong(span, message))?;
+        let pins = read_pins(&tree).map_err(|(span, message)| wrong(span, message, &none))?;
         Ok(Self { pins, ..none })
     }
 
@@ -82,11 +82,13 @@ fn read_pins(tree: &Tree) -> Result<BTreeMap<String, Pin>, (Span, String)> {
     let Some(Kind::Map(entries)) = field(tree, "pins").map(|pins| &pins.kind) else {
         return Err((tree.span, "a file of pins needs a map `pins`".into()));
     };
-    let pin = |(key, value): &(Tree, Tree)| {
-        let pin = key.text().map(str::to_owned).zip(read_pin(value, key.span));
-        pin.ok_or_else(|| (key.span, format!("{} is no pin", key.in_words())))
-    };
-    entries.iter().map(pin).collect()
+    entries
+        .iter()
+        .map(|(key, value)| {
+            let pin = key.text().map(str::to_owned).zip(read_pin(value, key.span));
+            pin.ok_or_else(|| (key.span, format!("{} is no pin", key.in_words())))
+        })
+        .collect()
 }
 
 fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
@@ -95,14 +97,16 @@ fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
 
 fn read_pin(tree: &Tree, span: Span) -> Option<Pin> {
     let Kind::List(outputs) = &field(tree, "outputs")?.kind else { return None };
-    let output = |tree: &Tree| match &tree.kind {
-        Kind::Call { name: None, body: Body::Items(items) } => match &items[..] {
-            [kind, hash] => Some((kind.text()?.to_owned(), Hash::parse(hash.text()?)?)),
+    let outputs = outputs
+        .iter()
+        .map(|tree| match &tree.kind {
+            Kind::Call { name: None, body: Body::Items(items) } => match &items[..] {
+                [kind, hash] => Some((kind.text()?.to_owned(), Hash::parse(hash.text()?)?)),
+                _ => None,
+            },
             _ => None,
-        },
-        _ => None,
-    };
-    let outputs = outputs.iter().map(output).collect::<Option<_>>()?;
+        })
+        .collect::<Option<_>>()?;
     let ancestry: Ancestry = serde_json::from_str(field(tree, "from")?.text()?).ok()?;
     Some(Pin { outputs, ancestry, span })
 }

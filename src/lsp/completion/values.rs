@@ -15,18 +15,22 @@ impl Search<'_> {
     /// A node with its required ports.
     fn node_call(&self, name: &str, fields: &[FieldOf]) -> String {
         let ports = fields.iter().filter(|field| field.required);
-        let ports = Vec::from_iter(ports.filter_map(|field| match &field.slot {
-            Slot::Link(_) => Some((&field.name, "\"", "\"")),
-            Slot::List(item) if matches!(**item, Slot::Link(_)) => Some((&field.name, "[", "]")),
-            _ => None,
-        }));
+        let ports: Vec<_> = ports
+            .filter_map(|field| match &field.slot {
+                Slot::Link(_) => Some((&field.name, "\"", "\"")),
+                Slot::List(item) if matches!(**item, Slot::Link(_)) => {
+                    Some((&field.name, "[", "]"))
+                }
+                _ => None,
+            })
+            .collect();
         if ports.is_empty() || self.behind().starts_with('(') {
             return self.call(name);
         }
         let port = |(index, (name, open, close)): (usize, &(&String, &str, &str))| {
             format!("{name}: {open}{}{close}", if index == 0 { "$0" } else { "" })
         };
-        format!("{name}({})", Vec::from_iter(ports.iter().enumerate().map(port)).join(", "))
+        format!("{name}({})", ports.iter().enumerate().map(port).collect::<Vec<_>>().join(", "))
     }
 
     /// Types of nodes: graphs that are used, then what takes the newest values.
@@ -46,7 +50,7 @@ impl Search<'_> {
         let newest = newest.filter(|node| !node.kind.is_empty());
         let newest = newest.flat_map(|node| self.outputs(node)).flat_map(|(_, types)| types);
         let newest = Vec::from_iter(newest);
-        let rank = |fields: &[FieldOf]| {
+        fn rank(fields: &[FieldOf], newest: &[String]) -> usize {
             let mut wanted = fields.iter().filter(|field| field.required);
             let wanted = wanted.find_map(|field| match &field.slot {
                 Slot::Link(types) => Some(types.clone()),
@@ -69,17 +73,20 @@ impl Search<'_> {
                     .position(|kind| types.contains(kind))
                     .map_or(900, |near| 10 * near.min(40)),
             }
-        };
-        let node = |(index, (name, kind)): (usize, (&str, Rc<NodeKind>))| {
-            let fields = fields_of(&kind.schema, &kind.schema);
-            let rank = 1000 * rank(&fields) + index;
-            Proposal {
-                detail: gives(&kind),
-                doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
-                ..self.proposal(name, self.node_call(name, &fields), Sort::Node, rank)
-            }
-        };
-        let mut found = Vec::from_iter(known.into_iter().enumerate().map(node));
+        }
+        let mut found: Vec<_> = known
+            .into_iter()
+            .enumerate()
+            .map(|(index, (name, kind)): (usize, (&str, Rc<NodeKind>))| {
+                let fields = fields_of(&kind.schema, &kind.schema);
+                let rank = 1000 * rank(&fields, &newest) + index;
+                Proposal {
+                    detail: gives(&kind),
+                    doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
+                    ..self.proposal(name, self.node_call(name, &fields), Sort::Node, rank)
+                }
+            })
+            .collect();
         for (index, name) in ["ForEach", "Switch"].into_iter().enumerate() {
             found.push(Proposal {
                 doc: Library::word("nodes", name),
@@ -96,7 +103,7 @@ impl Search<'_> {
     }
 
     pub(super) fn inputs(&self) -> Vec<Proposal> {
-        let mut kinds = Vec::from_iter(self.library.catalog.value_types().into_keys());
+        let mut kinds: Vec<_> = self.library.catalog.value_types().into_keys().collect();
         kinds.sort_unstable();
         let all = kinds.into_iter().chain(["Optional"]).enumerate();
         let of =
@@ -138,19 +145,26 @@ impl Search<'_> {
     pub(super) fn words(&self, words: &[(String, String)]) -> Vec<Proposal> {
         let is_plain =
             |word: &str| word.parse::<f64>().is_ok() || word == "true" || word == "false";
-        let of = |(index, (word, doc)): (usize, &(String, String))| {
-            let insert = if is_plain(word) { word.clone() } else { self.quoted(word) };
-            Proposal { doc: doc.clone(), ..self.proposal(word, insert, Sort::Choice, index) }
-        };
-        words.iter().enumerate().map(of).collect()
+        words
+            .iter()
+            .enumerate()
+            .map(|(index, (word, doc))| {
+                let insert = if is_plain(word) { word.clone() } else { self.quoted(word) };
+                Proposal { doc: doc.clone(), ..self.proposal(word, insert, Sort::Choice, index) }
+            })
+            .collect()
     }
 
     pub(super) fn parameter_names(&self) -> Vec<Proposal> {
-        let of = |(index, it): (usize, &Declared)| Proposal {
-            detail: format!("{} {}", it.kind, it.of).trim_end().to_owned(),
-            ..self.proposal(&it.name.text, self.quoted(&it.name.text), Sort::Parameter, index)
-        };
-        self.scope.params.iter().enumerate().map(of).collect()
+        self.scope
+            .params
+            .iter()
+            .enumerate()
+            .map(|(index, it)| Proposal {
+                detail: format!("{} {}", it.kind, it.of).trim_end().to_owned(),
+                ..self.proposal(&it.name.text, self.quoted(&it.name.text), Sort::Parameter, index)
+            })
+            .collect()
     }
 
     pub(super) fn expression(&self) -> Vec<Proposal> {
@@ -159,23 +173,26 @@ impl Search<'_> {
             !proposal.detail.starts_with("Text") && !proposal.detail.starts_with("Color")
         });
         // What follows the word of the expression, not its text.
-        let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-        let rest = self.text[self.at..].trim_start_matches(is_part).trim_start();
-        let call = |name: &str| match rest.starts_with('(') {
-            true => name.to_owned(),
-            false => format!("{name}($0)"),
-        };
+        let rest = self.text[self.at..]
+            .trim_start_matches(|c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+            .trim_start();
+        fn call(name: &str, rest: &str) -> String {
+            match rest.starts_with('(') {
+                true => name.to_owned(),
+                false => format!("{name}($0)"),
+            }
+        }
         for name in Library::words_in("Expr") {
             found.push(Proposal {
                 doc: Library::word("Expr", &name),
-                ..self.proposal(&name, call(&name), Sort::Value, 100 + found.len())
+                ..self.proposal(&name, call(&name, rest), Sort::Value, 100 + found.len())
             });
         }
         for name in ["pi", "true", "false"] {
             found.push(self.proposal(name, name.to_owned(), Sort::Value, 100 + found.len()));
         }
         for name in unit_names() {
-            found.push(self.proposal(name, call(name), Sort::Unit, 100 + found.len()));
+            found.push(self.proposal(name, call(name, rest), Sort::Unit, 100 + found.len()));
         }
         match is_text(self.cursor) {
             true => found,
@@ -191,7 +208,7 @@ impl Search<'_> {
         let choices = variants(schema);
         let described = schema["oneOf"].as_array().into_iter().flatten();
         let described =
-            Vec::from_iter(described.map(|it| it["description"].as_str().unwrap_or_default()));
+            described.map(|it| it["description"].as_str().unwrap_or_default()).collect::<Vec<_>>();
         if is_text(self.cursor) {
             let text = default.as_deref().and_then(|it| it.strip_prefix('"')?.strip_suffix('"'));
             found.extend(text.map(|text| self.proposal(text, text.to_owned(), Sort::Value, 0)));
@@ -236,19 +253,21 @@ impl Search<'_> {
         };
         let is_number =
             schema.is_none_or(|it| matches!(it["type"].as_str(), Some("number" | "integer")));
-        let kind = |it: &Declared| match &it.kind[..] {
-            "Number" | "Integer" => is_number && schema.is_some(),
-            "Text" => {
-                matches!(slot, Slot::Path(_)) || schema.is_some_and(|it| it["type"] == "string")
+        fn kind(it: &Declared, is_number: bool, schema: &Option<&Json>, slot: &Slot) -> bool {
+            match &it.kind[..] {
+                "Number" | "Integer" => is_number && schema.is_some(),
+                "Text" => {
+                    matches!(slot, Slot::Path(_)) || schema.is_some_and(|it| it["type"] == "string")
+                }
+                "Color" => schema.is_some_and(|it| it["format"] == "color"),
+                "Toggle" => schema.is_some_and(|it| it["type"] == "boolean"),
+                "Choice" => schema.is_some_and(|it| !variants(it).is_empty()),
+                _ => schema.is_some_and(|it| it["type"] == "array"),
             }
-            "Color" => schema.is_some_and(|it| it["format"] == "color"),
-            "Toggle" => schema.is_some_and(|it| it["type"] == "boolean"),
-            "Choice" => schema.is_some_and(|it| !variants(it).is_empty()),
-            _ => schema.is_some_and(|it| it["type"] == "array"),
-        };
+        }
         let unit = schema.and_then(|schema| schema["unit"].as_str()).unwrap_or_default();
         let mut found = Vec::new();
-        for it in self.scope.params.iter().filter(|it| kind(it)) {
+        for it in self.scope.params.iter().filter(|it| kind(it, is_number, &schema, slot)) {
             let rank = 5 + found.len() + if it.of == unit { 0 } else { 10 };
             let label = format!("Param(\"{}\")", it.name.text);
             let proposal = self.proposal(&label, label.clone(), Sort::Parameter, rank);
@@ -281,17 +300,18 @@ impl Search<'_> {
         };
         let (folder, _) = typed.rsplit_once('/').unwrap_or(("", typed));
         let inside = self.library.path.with_file_name("").join(folder);
-        let fits = |name: &str| {
+        fn fits(name: &str, endings: &[String]) -> bool {
             let ending = Path::new(name).extension().map(|it| it.to_string_lossy().to_lowercase());
             endings.is_empty() || ending.is_some_and(|ending| endings.contains(&ending))
-        };
+        }
         let mut names = Vec::new();
         for entry in std::fs::read_dir(inside).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             let is_folder = entry.path().is_dir();
             let is_own = entry.path() == self.library.path;
             let is_plain = !name.contains(['"', '\\', '\n', '\r']);
-            if name.starts_with('.') || is_own || !is_plain || !(is_folder || fits(&name)) {
+            if name.starts_with('.') || is_own || !is_plain || !(is_folder || fits(&name, endings))
+            {
                 continue;
             }
             let slash = if is_folder { "/" } else { "" };
@@ -299,11 +319,14 @@ impl Search<'_> {
             names.push((is_folder, format!("{folder}{gap}{name}{slash}")));
         }
         names.sort();
-        let file = |(index, (is_folder, name)): (usize, (bool, String))| {
-            let rank = index + 1000 * usize::from(is_folder);
-            self.proposal(&name, self.quoted(&name), Sort::File, rank)
-        };
-        names.into_iter().enumerate().map(file).collect()
+        names
+            .into_iter()
+            .enumerate()
+            .map(|(index, (is_folder, name)): (usize, (bool, String))| {
+                let rank = index + 1000 * usize::from(is_folder);
+                self.proposal(&name, self.quoted(&name), Sort::File, rank)
+            })
+            .collect()
     }
 }
 

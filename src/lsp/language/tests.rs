@@ -13,8 +13,8 @@ fn every_file_of_the_folder_is_a_topic() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("language");
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
     let pages = files.filter(|path| path.extension().is_some_and(|ending| ending == "md"));
-    let mut pages = Vec::from_iter(pages.map(|path| path.file_stem().unwrap().to_owned()));
-    let mut topics = Vec::from_iter(TOPICS.iter().map(|topic| topic.name));
+    let mut pages: Vec<_> = pages.map(|path| path.file_stem().unwrap().to_owned()).collect();
+    let mut topics: Vec<_> = TOPICS.iter().map(|topic| topic.name).collect();
     pages.sort();
     topics.sort_unstable();
     assert_eq!(topics, pages, "`TOPICS` in src/lsp/language.rs lists them");
@@ -52,10 +52,9 @@ fn page() -> String {
 
 /// What a link to a title is called where Markdown is shown.
 fn anchor(title: &str) -> String {
-    let kept = |c: &char| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_');
     title
         .chars()
-        .filter(kept)
+        .filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'))
         .map(|c| if c == ' ' { '-' } else { c.to_ascii_lowercase() })
         .collect()
 }
@@ -65,16 +64,20 @@ type Use = (Vec<String>, String);
 
 #[test]
 fn every_word_of_the_language_has_a_sentence_and_a_sample() {
-    let own = |topic: &&Topic| maquette_graph::words().iter().any(|word| word.topic == topic.name);
+    fn own(topic: &&Topic) -> bool {
+        maquette_graph::words().iter().any(|word| word.topic == topic.name)
+    }
     let mut lacking = Vec::new();
     let words = maquette_graph::words().into_iter().chain(maquette_golden::words());
     let words = words.chain(maquette_golden::sweep::words());
     for word in words {
-        let is_home = |topic: &&Topic| topic.name == word.topic || !own(topic);
-        let about = Vec::from_iter(TOPICS.iter().filter(is_home));
+        let about: Vec<_> =
+            TOPICS.iter().filter(|topic| topic.name == word.topic || !own(topic)).collect();
         let told = [format!("`{}`", word.name), format!("`{}(", word.name)];
-        let tells = |topic: &&Topic| told.iter().any(|told| prose(topic.text).contains(told));
-        if !about.iter().copied().any(|topic| tells(&topic)) {
+        fn tells(topic: &&Topic, told: &[String; 2]) -> bool {
+            told.iter().any(|told| prose(topic.text).contains(told))
+        }
+        if !about.iter().copied().any(|topic| tells(&topic, &told)) {
             lacking.push(format!(
                 "no sentence has `{}` of {}: {}.md",
                 word.name, word.within, word.topic

@@ -150,10 +150,12 @@ impl<'a> Content<'a> {
         let piece = |buffer: &mut Vec<u8>, k: usize| {
             let start = k * PIECE;
             let count = PIECE.min(len - start);
-            let of = |pieces: Option<&Pieces>| pieces.and_then(|pieces| pieces.0.get(k)).copied();
+            fn of(pieces: Option<&Pieces>, k: usize) -> Option<Piece> {
+                pieces.and_then(|pieces| pieces.0.get(k)).copied()
+            }
             let made_of = known.and_then(|_| self.stretch(start..start + count));
-            let before = of(known).filter(|before| Some(before.made_of) == made_of);
-            let (before, there) = (before.map(|it| it.hash), of(there).map(|it| it.hash));
+            let before = of(known, k).filter(|before| Some(before.made_of) == made_of);
+            let (before, there) = (before.map(|it| it.hash), of(there, k).map(|it| it.hash));
             if let Some(hash) = before.filter(|_| before == there) {
                 return Ok((hash, made_of));
             }
@@ -178,7 +180,7 @@ impl<'a> Content<'a> {
         let parts = pieces.map_init(Vec::new, piece).collect::<Result<Vec<_>, E>>()?;
         let known = parts.iter().map(|&(hash, made_of)| Some(Piece { made_of: made_of?, hash }));
         let known = Pieces(known.collect::<Option<_>>().unwrap_or_default());
-        let hashes = Vec::from_iter(parts.into_iter().map(|(hash, _)| hash));
+        let hashes: Vec<_> = parts.into_iter().map(|(hash, _)| hash).collect();
         let hash = Hash(match &hashes[..] {
             [hash] => *hash,
             _ => {
@@ -241,10 +243,10 @@ mod tests {
     fn pieces_are_all_bytes_and_their_hash_is_that_of_the_whole() {
         for len in [0, 1, 1000, PIECE - 1, PIECE, PIECE + 1, 2 * PIECE, 3 * PIECE, 11 * PIECE + 77]
         {
-            let bytes = Vec::from_iter((0..len).map(byte));
-            let fill = |place: usize, piece: &mut [u8]| {
+            let bytes: Vec<_> = (0..len).map(byte).collect();
+            fn fill(place: usize, piece: &mut [u8]) {
                 piece.iter_mut().zip(place..).for_each(|(out, place)| *out = byte(place));
-            };
+            }
             assert_eq!(Content::pieces(len, fill).into_bytes(), bytes);
             for content in [Content::pieces(len, fill), bytes.clone().into()] {
                 let seen = Mutex::new(vec![0u8; len]);
@@ -280,12 +282,13 @@ mod tests {
         let file = Mutex::new(vec![0; len]);
         for numbers in [[1, 2, 3, 4, 5, 6], [1, 2, 9, 4, 5, 6], [2, 2, 9, 4, 5, 7], [0; 6]] {
             let content = made_of(numbers);
-            let take = |place: usize, piece: &[u8]| {
-                file.lock().unwrap()[place..][..piece.len()].copy_from_slice(piece);
-                Ok::<_, Infallible>(())
-            };
             // Over the file that holds what was known, and then into a new one.
-            let (hash, pieces) = content.each(Some(&known), Some(&known), take).unwrap();
+            let (hash, pieces) = content
+                .each(Some(&known), Some(&known), |place: usize, piece| {
+                    file.lock().unwrap()[place..][..piece.len()].copy_from_slice(piece);
+                    Ok::<_, Infallible>(())
+                })
+                .unwrap();
             let bytes = content.into_bytes();
             assert!(*file.lock().unwrap() == bytes, "{numbers:?}");
             let content = made_of(numbers);

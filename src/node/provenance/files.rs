@@ -79,8 +79,10 @@ fn end_of_line(text: &str) -> usize {
     if text.len() <= max {
         return text.len();
     }
-    let is_blank = |at: usize| text.as_bytes()[at] == b' ';
-    (1..=max).rev().find(|&end| !is_blank(end - 1) && !is_blank(end)).unwrap_or(max)
+    fn is_blank(at: usize, text: &str) -> bool {
+        text.as_bytes()[at] == b' '
+    }
+    (1..=max).rev().find(|&end| !is_blank(end - 1, text) && !is_blank(end, text)).unwrap_or(max)
 }
 
 /// The first line of an OBJ or MTL file that tells these words.
@@ -108,7 +110,9 @@ pub fn extras_of_glb(words: &str) -> Option<Json> {
 /// What a file of this ending tells.
 #[doc(hidden)]
 pub fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
-    let words = |text: &str| Some(Found::Words(text.to_owned()));
+    fn words(text: &str) -> Option<Found> {
+        Some(Found::Words(text.to_owned()))
+    }
     match ending {
         "glb" => {
             let document = glb_document(bytes)?;
@@ -278,7 +282,9 @@ fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
 fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     let (start, entries) = directory(bytes)?;
     let is_last = bytes.len() == start + 2 + 12 * entries.len() + 4;
-    let tag = |entry: &[u8]| u16::from_le_bytes([entry[0], entry[1]]);
+    fn tag(entry: &[u8]) -> u16 {
+        u16::from_le_bytes([entry[0], entry[1]])
+    }
     let at = entries.partition_point(|entry| tag(entry) < tag(&DESCRIPTION));
     let text = format!("{KEY} {words}\0");
     let count = u16::try_from(entries.len() + 1).ok()?;
@@ -320,8 +326,11 @@ fn png(bytes: &[u8], words: &str) -> Option<Splice> {
 
 /// CRC-32 of ISO 3309, as in W3C, "PNG Specification", 3rd edition (2025), annex D.
 fn checksum(bytes: &[u8]) -> u32 {
-    let bit = |crc: u32, _: u32| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
-    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
+    !bytes.iter().fold(!0, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc: u32, _: u32| {
+            if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 }
+        })
+    })
 }
 
 #[cfg(test)]

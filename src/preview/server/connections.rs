@@ -201,12 +201,18 @@ mod tests {
     #[test]
     fn the_longest_idle_connection_makes_room_and_none_that_is_in_use() {
         let connections = Arc::new(Connections::default());
-        let leases = Vec::from_iter((0..MAX_CONNECTIONS).map(|_| connections.admit().unwrap()));
+        let leases: Vec<_> = (0..MAX_CONNECTIONS).map(|_| connections.admit().unwrap()).collect();
         leases[0].belongs_to_page();
         let answering = leases[1].answering();
-        let is_open = |lease: &Lease| unpoisoned(&connections.open).contains_key(&lease.number);
+        fn is_open(lease: &Lease, connections: &Arc<Connections>) -> bool {
+            unpoisoned(&connections.open).contains_key(&lease.number)
+        }
         let next = connections.admit().unwrap();
-        assert!(is_open(&leases[0]) && is_open(&leases[1]) && !is_open(&leases[2]));
+        assert!(
+            is_open(&leases[0], &connections)
+                && is_open(&leases[1], &connections)
+                && !is_open(&leases[2], &connections)
+        );
         leases.iter().for_each(Lease::belongs_to_page);
         next.belongs_to_page();
         assert!(connections.admit().is_none());

@@ -30,11 +30,13 @@ impl Shape {
             Some(3) => Vec::new(),
             _ => mesh.faces_with(&moved.vertices),
         };
-        let is_recut = |&&face: &&u32| {
-            let cut = |mesh: &Mesh| mesh.face_triangles(face as usize);
-            !cut(mesh).eq(cut(&self.mesh))
-        };
-        let recut = Vec::from_iter(touched.iter().filter(is_recut));
+        let recut: Vec<_> = touched
+            .iter()
+            .filter(|&&face| {
+                let cut = |mesh: &Mesh| mesh.face_triangles(face as usize);
+                !cut(mesh).eq(cut(&self.mesh))
+            })
+            .collect();
         // The triangles of mixed faces have no numbers that tell their faces.
         if !recut.is_empty() && mesh.faces().sides().is_none() {
             return None;
@@ -70,9 +72,12 @@ impl Shape {
         triangles.extend(of_recut.map(|triangle| (triangle, shared(triangle))));
         own.patch(&leaning, shared, |triangle, vertices| _ = triangles.insert(triangle, vertices));
         triangles.retain(|&triangle, vertices| self.triangles[triangle] != *vertices);
-        let rows =
-            Vec::from_iter(triangles.keys().map(|&triangle| triangle as u32..triangle as u32 + 1));
-        let triangles = self.triangles.with_rows(&rows, &Vec::from_iter(triangles.into_values()));
+        let rows = triangles
+            .keys()
+            .map(|&triangle| triangle as u32..triangle as u32 + 1)
+            .collect::<Vec<_>>();
+        let triangles =
+            self.triangles.with_rows(&rows, &triangles.into_values().collect::<Vec<_>>());
 
         let seen = Seen { mesh, ruler, paint: &paint, normals: &normals, firsts: None, own: &own };
         let behind = count as u32..own.end() as u32;
@@ -110,10 +115,10 @@ impl Shape {
         let touched =
             touched.flat_map(|face| face as usize * of_face..(face as usize + 1) * of_face);
         let touched = Vec::from_iter(touched);
-        let lean = |&triangle: &usize| normals.lean(mesh, cut, triangle);
-        let mut leaning: Vec<Leaning> = touched.par_iter().filter_map(lean).collect();
-        let is_as_before = |it: &&Leaning| touched.binary_search(&it.triangle).is_err();
-        leaning.extend(self.leaning.iter().filter(is_as_before));
+        let mut leaning: Vec<Leaning> =
+            touched.par_iter().filter_map(|&triangle| normals.lean(mesh, cut, triangle)).collect();
+        leaning
+            .extend(self.leaning.iter().filter(|it| touched.binary_search(&it.triangle).is_err()));
         leaning.sort_unstable_by_key(|it| it.triangle);
         leaning
     }
@@ -126,7 +131,7 @@ fn remade<T: Pod + PartialEq + Send + Sync>(
     item: impl Fn(usize) -> T,
 ) -> Column<T> {
     let places = || rows.iter().cloned().flatten().map(|k| k as usize);
-    let items = Vec::from_iter(places().map(item));
+    let items: Vec<_> = places().map(item).collect();
     let is_same = places().zip(&items).all(|(k, item)| before[k] == *item);
     if is_same { before.clone() } else { before.with_rows(rows, &items) }
 }
@@ -141,16 +146,21 @@ mod tests {
 
     /// A sheet of triangles or quads with spikes, at which faces lean.
     fn sheet(width: u32, sides: usize) -> Mesh {
-        let place = |k: u32| {
-            let [x, y] = [k % width, k / width].map(f64::from);
-            Point3::new(x, y, if k.is_multiple_of(89) { 9.0 } else { 0.3 * libm::sin(x) })
-        };
         let cells =
             (0..(width - 1) * (width - 1)).map(|k| (k / (width - 1)) * width + k % (width - 1));
         let corners =
             cells.flat_map(|a| [a, a + 1, a + width + 1, a + width].into_iter().take(sides));
         let faces = Faces::uniform(sides, corners.collect::<Vec<_>>()).unwrap();
-        Mesh::new((0..width * width).map(place).collect::<Vec<_>>(), faces).unwrap()
+        Mesh::new(
+            (0..width * width)
+                .map(|k: u32| {
+                    let [x, y] = [k % width, k / width].map(f64::from);
+                    Point3::new(x, y, if k.is_multiple_of(89) { 9.0 } else { 0.3 * libm::sin(x) })
+                })
+                .collect::<Vec<_>>(),
+            faces,
+        )
+        .unwrap()
     }
 
     fn shape(mesh: &Mesh) -> Shape {
@@ -170,9 +180,9 @@ mod tests {
         assert_eq!(now.computed, anew.computed);
         assert_eq!(now.places.hash(), Column::from(anew.places.to_vec()).hash());
         assert_eq!(now.normals.hash(), Column::from(anew.normals.to_vec()).hash());
-        let fields = |shape: &Shape| {
-            Vec::from_iter(shape.fields.iter().map(|field| (field.name.clone(), field.usual)))
-        };
+        fn fields(shape: &Shape) -> Vec<(String, [f64; 2])> {
+            shape.fields.iter().map(|field| (field.name.clone(), field.usual)).collect::<Vec<_>>()
+        }
         assert_eq!(fields(now), fields(anew));
     }
 
@@ -200,10 +210,13 @@ mod tests {
                     let row = start..(start + 1 + dice.below(9) as u32).min(count);
                     let rows = slice::from_ref(&row);
                     let lift = if round % 3 == 0 { 4.0 } else { 0.02 };
-                    let places = Vec::from_iter(row.clone().map(|vertex| {
-                        mesh.positions()[vertex as usize]
-                            + Vector3::new(0.0, 0.01, lift * dice.even())
-                    }));
+                    let places: Vec<_> = row
+                        .clone()
+                        .map(|vertex| {
+                            mesh.positions()[vertex as usize]
+                                + Vector3::new(0.0, 0.01, lift * dice.even())
+                        })
+                        .collect();
                     mesh = mesh.with_moved(rows, &places).unwrap();
                     if let Some(Attribute::Vector(normals)) = mesh.vertex().get("normal") {
                         let turned =

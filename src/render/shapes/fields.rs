@@ -26,7 +26,7 @@ impl Shape {
             _ => self.mesh.face(),
         };
         let numbers = attributes.get(&field.name).and_then(numbers_of);
-        let numbers = Vec::from_iter(numbers.into_iter().flatten().map(|x| x as f32));
+        let numbers: Vec<_> = numbers.into_iter().flatten().map(|x| x as f32).collect();
         if field.on == On::Vertex {
             return self.origins.iter().map(|&vertex| numbers[vertex as usize]).collect();
         }
@@ -34,9 +34,8 @@ impl Shape {
         let mut all = Vec::with_capacity(3 * self.triangles.len());
         for (face, corners) in self.mesh.faces().iter().enumerate() {
             for k in 1..corners.len() - 1 {
-                let corner = |k: usize| numbers[first + k];
                 match field.on {
-                    On::Corner => all.extend([0, k, k + 1].map(corner)),
+                    On::Corner => all.extend([0, k, k + 1].map(|k: usize| numbers[first + k])),
                     _ => all.extend([numbers[face]; 3]),
                 }
             }
@@ -52,11 +51,11 @@ pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
     let named = all.into_iter().flat_map(|(on, attributes)| {
         attributes.iter().map(move |(name, attribute)| (on, name, attribute))
     });
-    let field = |(on, name, attribute): (On, &str, &Attribute)| {
+    fn field((on, name, attribute): (On, &str, &Attribute)) -> Option<Field> {
         if name == "normal" {
             return None;
         }
-        let mut numbers = Vec::from_iter(numbers_of(attribute)?.filter(|x| x.is_finite()));
+        let mut numbers: Vec<_> = numbers_of(attribute)?.filter(|x| x.is_finite()).collect();
         let range = numbers
             .iter()
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &x| [a.min(x), b.max(x)]);
@@ -72,7 +71,7 @@ pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
         let usual = if low < high { usual } else { range };
         let name = name.to_owned();
         Some(Field { name, on, range, usual })
-    };
+    }
     named.filter_map(field).collect()
 }
 

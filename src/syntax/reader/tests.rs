@@ -94,11 +94,11 @@ fn read(text: &str) -> Result<Shape, Vec<String>> {
     if walk.findings.is_empty() {
         return read_tree(&tree).map_err(|error| vec![format!("unchecked: {error}")]);
     }
-    let say = |span: Span, message: &str| {
+    fn say(span: Span, message: &str, text: &str) -> String {
         let Place { line, column } = Place::of(text, span.start);
         format!("{line}:{column} {message}")
-    };
-    Err(walk.findings.iter().map(|finding| say(finding.span, &finding.message)).collect())
+    }
+    Err(walk.findings.iter().map(|finding| say(finding.span, &finding.message, text)).collect())
 }
 
 fn ball(radius: f64, layers: u32) -> Shape {

@@ -16,9 +16,10 @@ use crate::tree::{Body, Field, Kind, Tree};
 impl Walk<'_> {
     /// Checks the rules of a vector.
     pub(super) fn vector(&mut self, tree: &Tree, items: &[Tree], schema: &Json, field: &str) {
-        let is_zero = |item: &Tree| matches!(item.kind, Kind::Number { value: 0.0, .. });
-        if schema.get("direction").is_some() && items.iter().all(is_zero) {
-            let zeros = Vec::from_iter(items.iter().map(|_| "0")).join(", ");
+        if schema.get("direction").is_some()
+            && items.iter().all(|item| matches!(item.kind, Kind::Number { value: 0.0, .. }))
+        {
+            let zeros = items.iter().map(|_| "0").collect::<Vec<_>>().join(", ");
             let message =
                 format!("field `{field}` of {} is ({zeros}), which is no direction", self.node);
             self.find(code::OUT_OF_RANGE, tree, message, "write one such as (0, 1, 0)");
@@ -65,15 +66,16 @@ impl Walk<'_> {
     pub(super) fn port_for(&self, name: &str, schema: &Json) -> Option<Help> {
         let properties = schema.get("properties")?.as_object()?;
         let wanted = name.replace('_', "");
-        let is_type = |kind: &str| {
-            let kind = kind.to_lowercase();
-            kind == wanted || Some(&kind[..]) == wanted.strip_suffix('s')
-        };
         let mut ports = properties.iter().filter(|(_, port)| {
             let port = if port.get("items").is_some() { &port["items"] } else { *port };
             let types =
                 super::resolve(self.root, port).get("types").and_then(Json::as_array).cloned();
-            types.into_iter().flatten().any(|kind| kind.as_str().is_some_and(is_type))
+            types.into_iter().flatten().any(|kind| {
+                kind.as_str().is_some_and(|kind| {
+                    let kind = kind.to_lowercase();
+                    kind == wanted || Some(&kind[..]) == wanted.strip_suffix('s')
+                })
+            })
         });
         let (port, _) = ports.next().filter(|_| ports.next().is_none())?;
         Some(Help::rename(format!("rename it to `{port}`, the port that takes it"), name, port))

@@ -13,14 +13,18 @@ pub fn harmless(text: &str) -> Cow<'_, str> {
     if !text.contains(acts) {
         return Cow::Borrowed(text);
     }
-    let picture = |c: char| match u32::from(c) {
-        _ if !acts(c) => c,
-        code @ 0..0x20 => char::from_u32(0x2400 + code).unwrap_or('\u{fffd}'),
-        0x7f => '\u{2421}',
-        _ => '\u{fffd}',
-    };
     // An end of a line is one in files of Windows, too.
-    Cow::Owned(text.replace("\r\n", "\n").chars().map(picture).collect())
+    Cow::Owned(
+        text.replace("\r\n", "\n")
+            .chars()
+            .map(|c: char| match u32::from(c) {
+                _ if !acts(c) => c,
+                code @ 0..0x20 => char::from_u32(0x2400 + code).unwrap_or('\u{fffd}'),
+                0x7f => '\u{2421}',
+                _ => '\u{fffd}',
+            })
+            .collect(),
+    )
 }
 
 /// The text on one line, with pictures of ends of lines and tabs, too: names may hold them.
@@ -34,16 +38,21 @@ pub fn on_one_line(text: &str) -> Cow<'_, str> {
 /// The same for lines of a file, in which places are told by bytes: what acts is replaced by something of as many bytes. Characters
 /// of one byte stay; who draws lines of files shows pictures of them.
 pub(super) fn harmless_in_place(text: &str) -> Cow<'_, str> {
-    let is_long = |c: char| acts(c) && c.len_utf8() > 1;
+    fn is_long(c: char) -> bool {
+        acts(c) && c.len_utf8() > 1
+    }
     if !text.contains(is_long) {
         return Cow::Borrowed(text);
     }
-    let same_length = |c: char| match c.len_utf8() {
-        _ if !is_long(c) => c,
-        2 => '\u{a4}',
-        _ => '\u{fffd}',
-    };
-    Cow::Owned(text.chars().map(same_length).collect())
+    Cow::Owned(
+        text.chars()
+            .map(|c: char| match c.len_utf8() {
+                _ if !is_long(c) => c,
+                2 => '\u{a4}',
+                _ => '\u{fffd}',
+            })
+            .collect(),
+    )
 }
 
 /// A JSON document with every such character as an escape: they stand in its texts alone.

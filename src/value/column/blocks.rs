@@ -69,9 +69,12 @@ impl Blocks {
         for row in changed.iter().filter(|row| !row.is_empty()) {
             is_dirty[around(row.start as usize * size..row.end as usize * size)].fill(true);
         }
-        let dirty = Vec::from_iter((0..self.0.len()).filter(|&index| is_dirty[index]));
-        let hash = |&index: &usize| block(bytes.len() / size, bytes, index);
-        let hashes: Vec<ChainingValue> = dirty.par_iter().with_min_len(4).map(hash).collect();
+        let dirty: Vec<_> = (0..self.0.len()).filter(|&index| is_dirty[index]).collect();
+        let hashes: Vec<ChainingValue> = dirty
+            .par_iter()
+            .with_min_len(4)
+            .map(|&index| block(bytes.len() / size, bytes, index))
+            .collect();
         let mut blocks = self.0.clone();
         dirty.iter().zip(hashes).for_each(|(&index, hash)| blocks[index] = hash);
         Self(blocks)
@@ -131,7 +134,9 @@ mod tests {
 
     /// Lengths around those at which the tree becomes another one.
     fn lengths() -> impl Iterator<Item = usize> {
-        let near = |length: usize| [length - 9, length - 8, length - 7, length, length + 1];
+        fn near(length: usize) -> [usize; 5] {
+            [length - 9, length - 8, length - 7, length, length + 1]
+        }
         [1, 2, 3, 4, 5, 7, 8, 9, 17, 40].into_iter().flat_map(move |blocks| near(blocks * BLOCK))
     }
 

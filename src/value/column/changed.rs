@@ -24,22 +24,28 @@ impl<T: NoUninit + Send + Sync> Column<T> {
             (Some(now), Some(before)) => now.changed(before, self.len(), size_of::<T>()),
             _ => iter::once(0..len).collect(),
         };
-        let pieces = Vec::from_iter(suspects.into_iter().flat_map(|rows| {
-            let end = rows.end;
-            rows.step_by(COMPARED).map(move |start| start..end.min(start + COMPARED as u32))
-        }));
-        let of_piece = |piece: &Range<u32>| {
-            let mut rows = Vec::new();
-            let items = piece.start as usize..piece.end as usize;
-            let pairs = self[items.clone()].iter().zip(&before[items]);
-            for (place, (now, before)) in piece.clone().zip(pairs) {
-                if bytemuck::bytes_of(now) != bytemuck::bytes_of(before) {
-                    append(&mut rows, place..place + 1);
+        let pieces: Vec<_> = suspects
+            .into_iter()
+            .flat_map(|rows| {
+                let end = rows.end;
+                rows.step_by(COMPARED).map(move |start| start..end.min(start + COMPARED as u32))
+            })
+            .collect();
+        let found: Vec<Vec<Range<u32>>> = pieces
+            .par_iter()
+            .with_min_len(4)
+            .map(|piece| {
+                let mut rows = Vec::new();
+                let items = piece.start as usize..piece.end as usize;
+                let pairs = self[items.clone()].iter().zip(&before[items]);
+                for (place, (now, before)) in piece.clone().zip(pairs) {
+                    if bytemuck::bytes_of(now) != bytemuck::bytes_of(before) {
+                        append(&mut rows, place..place + 1);
+                    }
                 }
-            }
-            rows
-        };
-        let found: Vec<Vec<Range<u32>>> = pieces.par_iter().with_min_len(4).map(of_piece).collect();
+                rows
+            })
+            .collect();
         let mut rows = Vec::with_capacity(found.iter().map(Vec::len).sum());
         found.into_iter().flatten().for_each(|row| append(&mut rows, row));
         Some(rows)
@@ -69,7 +75,9 @@ mod tests {
 
     #[test]
     fn rows_are_compared_by_their_bytes() {
-        let only = |row: Range<u32>| Some(Vec::from_iter(iter::once(row)));
+        fn only(row: Range<u32>) -> Option<Vec<Range<u32>>> {
+            Some(Vec::from_iter(iter::once(row)))
+        }
         assert_eq!(changed(vec![0.0, 1.0, f64::NAN], vec![-0.0, 1.0, f64::NAN]), only(0..1));
         assert_eq!(changed(vec![[1u8, 2], [3, 4]], vec![[1, 0], [0, 4]]), only(0..2));
         assert_eq!(changed(vec![1, 2], vec![1, 2, 3]), None);
@@ -82,7 +90,7 @@ mod tests {
     #[test]
     fn rows_are_found_wherever_they_lie() {
         for len in [1_u32, 682, 683, 1365, 1366, 4096, 4097, 20_000] {
-            let before = Vec::from_iter((0..len).map(|k| [f64::from(k), 0.0, 1.0]));
+            let before: Vec<_> = (0..len).map(|k| [f64::from(k), 0.0, 1.0]).collect();
             let mut now = before.clone();
             let mut expected = Vec::new();
             for rows in [0..1, 681..683, 1364..1367, 4095..4097, 9000..9001, 19_998..20_000] {

@@ -58,8 +58,9 @@ fn chart(parts: &Parts<'_>, part: &Part<'_>) -> Result<Chart, PartsError> {
     let grid = parts.need(GRID, 2)?;
     let grid = counts(grid, 0, grid.only()?)?;
     let cells = part.whole()?;
-    let is_outside = |&cell: &u32| grid[0].saturating_mul(grid[1]) <= cell as usize;
-    if let Some(index) = cells.iter().position(is_outside) {
+    if let Some(index) =
+        cells.iter().position(|&cell| grid[0].saturating_mul(grid[1]) <= cell as usize)
+    {
         return Err(part.wrong(index, f64::from(cells[index]), "a cell of the chart's grid"));
     }
     let coordinates = parts.need("chart coordinate", 2)?.with_count(cells.len())?.elements()?;

@@ -158,7 +158,7 @@ mod tests {
 
     /// A closed wave of ten control points around the origin.
     fn wave() -> Curve {
-        let control = |k: usize| {
+        fn control(k: usize) -> Point3<f64> {
             let angle = k as f64 * std::f64::consts::TAU / 10.0;
             let radius = if k.is_multiple_of(2) { 3.0 } else { 1.5 };
             Point3::new(
@@ -166,8 +166,8 @@ mod tests {
                 radius * libm::sin(angle),
                 libm::sin(2.0 * angle),
             )
-        };
-        let points = Vec::from_iter((0..13).map(|k| control(k % 10)));
+        }
+        let points: Vec<_> = (0..13).map(|k| control(k % 10)).collect();
         Curve::rational(points, vec![1.0; 13], KnotVector::periodic(13, 4).unwrap()).unwrap()
     }
 
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn the_closest_point_is_nearer_than_all_samples_and_at_right_angles() {
         check(&wave());
-        let points = Vec::from_iter(wave().points()[..8].iter().copied());
+        let points: Vec<_> = wave().points()[..8].iter().copied().collect();
         let knots = KnotVector::uniform(8, 4).unwrap();
         check(&Curve::rational(points.clone(), vec![1.0; 8], knots).unwrap());
         check(&Curve::polyline(points.clone(), false).unwrap());

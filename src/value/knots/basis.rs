@@ -49,8 +49,12 @@ impl KnotVector {
     ///
     /// The NURBS Book, eq. 2.7, applied to the basis functions of lower degree.
     pub fn basis_derivatives(&self, u: f64, order: usize) -> (usize, Vec<Vec<f64>>) {
-        let derivative = |k| self.basis_derivative(u, k).values[..=self.degree()].to_vec();
-        (self.span(u) - self.degree(), (0..=order).map(derivative).collect())
+        (
+            self.span(u) - self.degree(),
+            (0..=order)
+                .map(|k| self.basis_derivative(u, k).values[..=self.degree()].to_vec())
+                .collect(),
+        )
     }
 
     /// For each control point the mean of the degree inner knots of its basis function. A B-spline whose control points are an

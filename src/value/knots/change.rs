@@ -50,11 +50,14 @@ impl KnotChange {
     where
         T: Copy + Add<Output = T> + Mul<f64, Output = T>,
     {
-        let mean = |control| {
-            let terms = self.sources(control).map(|(old, factor)| points[old] * factor);
-            terms.reduce(|sum, term| sum + term).expect("the factors of a control point sum to 1")
-        };
-        (0..self.rows.len()).map(mean).collect()
+        (0..self.rows.len())
+            .map(|control| {
+                let terms = self.sources(control).map(|(old, factor)| points[old] * factor);
+                terms
+                    .reduce(|sum, term| sum + term)
+                    .expect("the factors of a control point sum to 1")
+            })
+            .collect()
     }
 }
 
@@ -123,18 +126,22 @@ impl KnotVector {
         let (start, end) = self.domain();
         let degree = self.degree() + 1;
         let raised = self.clamped(start, end, degree, |count| count + 1)?;
-        let row = |j: usize| {
-            let arguments = &raised.knots.knots()[j + 1..=j + degree];
-            let mut sum = Row { first: 0, factors: [0.0; MOST] };
-            for left_out in 0..degree {
-                let others = (0..degree).filter(|&k| k != left_out).map(|k| arguments[k]);
-                let Row { first, factors } = self.blossom(raised.knots.knots()[j], others);
-                sum.first = first;
-                sum.factors.iter_mut().zip(factors).for_each(|(sum, x)| *sum += x / degree as f64);
-            }
-            sum
-        };
-        let rows = (0..raised.knots.n_control()).map(row).collect();
+        let rows = (0..raised.knots.n_control())
+            .map(|j: usize| {
+                let arguments = &raised.knots.knots()[j + 1..=j + degree];
+                let mut sum = Row { first: 0, factors: [0.0; MOST] };
+                for left_out in 0..degree {
+                    let others = (0..degree).filter(|&k| k != left_out).map(|k| arguments[k]);
+                    let Row { first, factors } = self.blossom(raised.knots.knots()[j], others);
+                    sum.first = first;
+                    sum.factors
+                        .iter_mut()
+                        .zip(factors)
+                        .for_each(|(sum, x)| *sum += x / degree as f64);
+                }
+                sum
+            })
+            .collect();
         Ok(KnotChange { rows, ..raised })
     }
 

@@ -11,8 +11,12 @@ impl KnotVector {
     pub fn uniform(n_control: usize, order: usize) -> Result<Self, KnotVectorError> {
         check(n_control, order)?;
         let pieces = n_control - order + 1;
-        let knot = |i: usize| (i + 1).saturating_sub(order).min(pieces) as f64;
-        Self::new(order - 1, (0..n_control + order).map(knot).collect())
+        Self::new(
+            order - 1,
+            (0..n_control + order)
+                .map(|i: usize| (i + 1).saturating_sub(order).min(pieces) as f64)
+                .collect(),
+        )
     }
 
     /// The knots of an exact circle of nine control points on a square: order 3, `0 0 0 1 1 2 2 3 3 4 4 4`. Its weights are
@@ -31,10 +35,13 @@ impl KnotVector {
     /// If the degree is not from 1 to 9, there are at most `degree` parameters, they decrease, or too many of them are equal.
     pub fn averaged(parameters: &[f64], degree: usize) -> Result<Self, KnotVectorError> {
         check(parameters.len(), degree.saturating_add(1))?;
-        let mean = |window: &[f64]| window.iter().sum::<f64>() / degree as f64;
         let last = parameters.len() - 1;
         let mut knots = vec![parameters[0]; degree + 1];
-        knots.extend(parameters[1..last].windows(degree).map(mean));
+        knots.extend(
+            parameters[1..last]
+                .windows(degree)
+                .map(|window| window.iter().sum::<f64>() / degree as f64),
+        );
         knots.extend(vec![parameters[last]; degree + 1]);
         Self::new(degree, knots)
     }
@@ -56,17 +63,16 @@ impl KnotVector {
         let last = parameters.len() - 1;
         let pieces = n_control - degree;
         let per_piece = parameters.len() as f64 / pieces as f64;
-        let at = |index: f64| {
+        fn at(index: f64, last: usize, parameters: &[f64]) -> f64 {
             let before = (index.max(0.0) as usize).min(last);
             let next = parameters[(before + 1).min(last)];
             parameters[before] + (next - parameters[before]) * (index.max(0.0) - before as f64)
-        };
-        let inner = |j: usize| {
-            let index = j as f64 * per_piece;
-            (at(index - 1.0) + at(index)) / 2.0
-        };
+        }
         let mut knots = vec![parameters[0]; degree + 1];
-        knots.extend((1..pieces).map(inner));
+        knots.extend((1..pieces).map(|j: usize| {
+            let index = j as f64 * per_piece;
+            (at(index - 1.0, last, parameters) + at(index, last, parameters)) / 2.0
+        }));
         knots.extend(vec![parameters[last]; degree + 1]);
         Self::new(degree, knots)
     }

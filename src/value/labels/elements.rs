@@ -79,18 +79,20 @@ pub(super) fn cut(
     });
     let begun: HashMap<LabelRun, (&Arc<One>, &AnyValue)> = begun.collect();
     let background = OnceLock::new();
-    let one = |runs: Vec<LabelRun>| {
-        let same = runs.first().and_then(|first| begun.get(first));
-        if let Some((_, value)) = same.filter(|(one, _)| one.runs == runs) {
-            return (*value).clone();
-        }
-        let hash = background.get_or_init(|| Background::new(width, height)).with(&runs);
-        let statistics = statistics(width, height, &runs);
-        let one = One { width, height, runs, hash, pixels: OnceLock::new() };
-        AnyValue::new(Labels { width, height, pixels: Pixels::One(one.into()), statistics })
-    };
     // Nearly all of the time goes into hashes.
-    Ok(runs.into_par_iter().map(one).collect())
+    Ok(runs
+        .into_par_iter()
+        .map(|runs: Vec<LabelRun>| {
+            let same = runs.first().and_then(|first| begun.get(first));
+            if let Some((_, value)) = same.filter(|(one, _)| one.runs == runs) {
+                return (*value).clone();
+            }
+            let hash = background.get_or_init(|| Background::new(width, height)).with(&runs);
+            let statistics = statistics(width, height, &runs);
+            let one = One { width, height, runs, hash, pixels: OnceLock::new() };
+            AnyValue::new(Labels { width, height, pixels: Pixels::One(one.into()), statistics })
+        })
+        .collect())
 }
 
 /// The bytes of a chunk.
@@ -209,11 +211,17 @@ mod tests {
 
     /// A picture of many small components, row by row.
     fn spots(width: usize, height: usize) -> Labels {
-        let label = |at: usize| {
-            let [x, y] = [at % width, at / width];
-            if x % 5 < 3 && y % 4 < 2 { (x / 5 + y / 4 * width + 1) as u32 } else { 0 }
-        };
-        Labels::new(width, height, (0..width * height).map(label).collect()).unwrap()
+        Labels::new(
+            width,
+            height,
+            (0..width * height)
+                .map(|at: usize| {
+                    let [x, y] = [at % width, at / width];
+                    if x % 5 < 3 && y % 4 < 2 { (x / 5 + y / 4 * width + 1) as u32 } else { 0 }
+                })
+                .collect(),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -248,11 +256,15 @@ mod tests {
         }
         let labels = Labels::new(64, 40, pixels).unwrap();
         let alone = cut(&labels, usize::MAX, &[]).unwrap();
-        let hashes = |all: &[AnyValue]| Vec::from_iter(all.iter().map(AnyValue::hash));
-        let one = |value: &AnyValue| match &value.get::<Labels>().unwrap().pixels {
-            Pixels::One(one) => one.clone(),
-            Pixels::All(_) => panic!("a component is kept as runs"),
-        };
+        fn hashes(all: &[AnyValue]) -> Vec<Hash> {
+            all.iter().map(AnyValue::hash).collect::<Vec<_>>()
+        }
+        fn one(value: &AnyValue) -> Arc<One> {
+            match &value.get::<Labels>().unwrap().pixels {
+                Pixels::One(one) => one.clone(),
+                Pixels::All(_) => panic!("a component is kept as runs"),
+            }
+        }
         for (before, same) in [(&before[..], before.len() - 3), (&before[..0], 0)] {
             let found = cut(&labels, usize::MAX, before).unwrap();
             assert_eq!(hashes(&found), hashes(&alone));

@@ -41,9 +41,9 @@ fn hue(label: u32) -> Rgb {
 }
 
 pub(super) fn hostile() -> Vec<Labels> {
-    let labels = |[width, height]: [usize; 2], label| {
+    fn labels([width, height]: [usize; 2], label: u32) -> Result<Labels, crate::SizeError> {
         Labels::new(width, height, vec![label; width * height])
-    };
+    }
     SIZES.into_iter().flat_map(|size| [labels(size, 0), labels(size, u32::MAX)]).flatten().collect()
 }
 

@@ -17,11 +17,11 @@ pub fn left() -> Option<u64> {
 
 /// What `/proc/meminfo` says that programs can have without swapping, and what can be swapped.
 fn of_machine(text: &str) -> Option<u64> {
-    let line = |name: &str| {
+    fn line(name: &str, text: &str) -> Option<u64> {
         let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
         rest.trim_end_matches("kB").trim().parse::<u64>().ok()
-    };
-    Some((line("MemAvailable:")? + line("SwapFree:").unwrap_or(0)) * 1024)
+    }
+    Some((line("MemAvailable:", text)? + line("SwapFree:", text).unwrap_or(0)) * 1024)
 }
 
 /// The folders of the groups that `/proc/self/cgroup` names, and of those around them, of both versions of groups. In a container the
@@ -45,9 +45,12 @@ fn folders(text: &str, root: &Path) -> Vec<PathBuf> {
 
 /// What a group may still get; none if it has no limit. What it holds of files is given back when somebody needs it.
 fn of_group(folder: &Path) -> Option<u64> {
-    let number = |name: &str| read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok();
-    let limit = number("memory.max").or_else(|| number("memory.limit_in_bytes"))?;
-    let used = number("memory.current").or_else(|| number("memory.usage_in_bytes"))?;
+    fn number(name: &str, folder: &Path) -> Option<u64> {
+        read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok()
+    }
+    let limit = number("memory.max", folder).or_else(|| number("memory.limit_in_bytes", folder))?;
+    let used =
+        number("memory.current", folder).or_else(|| number("memory.usage_in_bytes", folder))?;
     let stat = read_to_string(folder.join("memory.stat")).unwrap_or_default();
     let files = stat.lines().find_map(|line| {
         let rest =

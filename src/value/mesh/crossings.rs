@@ -20,15 +20,16 @@ impl Mesh {
         &self,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Vec<[u32; 2]>, E> {
-        let of_face = |number: usize| {
-            let face = self.faces().face(number);
-            let triangles = self.face_triangles(number);
-            triangles.map(move |it| (number as u32, it.map(|corner| face[corner as usize])))
-        };
-        let triangles: Vec<(u32, [u32; 3])> = (0..self.faces().len()).flat_map(of_face).collect();
+        let triangles: Vec<(u32, [u32; 3])> = (0..self.faces().len())
+            .flat_map(|number: usize| {
+                let face = self.faces().face(number);
+                let triangles = self.face_triangles(number);
+                triangles.map(move |it| (number as u32, it.map(|corner| face[corner as usize])))
+            })
+            .collect();
         let corners =
             |(_, triangle): &(u32, [u32; 3])| triangle.map(|it| self.positions()[it as usize]);
-        let bounds = Vec::from_iter(triangles.iter().map(|it| Bounds::around(&corners(it))));
+        let bounds: Vec<_> = triangles.iter().map(|it| Bounds::around(&corners(it))).collect();
         let boxes = BoxTree::new(bounds.iter().copied());
         const CHUNK: usize = 1024;
         let numbers = Vec::from_iter(0..triangles.len());
@@ -113,23 +114,27 @@ mod tests {
 
     #[test]
     fn two_crossing_triangles_are_named_and_neighbors_are_not() {
-        let at = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
+            Point3::new(x, y, z)
+        }
         let flat = [at(0., 0., 0.), at(4., 0., 0.), at(0., 4., 0.), at(4., 4., 0.)];
         let spike = [at(1., 1., -1.), at(1., 1.2, 1.), at(1.3, 1., 1.)];
         let faces = [[0, 1, 2], [1, 3, 2], [4, 5, 6]];
-        let all = |height: f64| {
+        fn all(height: f64, spike: [Point3<f64>; 3], flat: [Point3<f64>; 4]) -> Vec<Point3<f64>> {
             let moved = spike.map(|p| p + nalgebra::Vector3::z() * height);
-            Vec::from_iter(flat.into_iter().chain(moved))
-        };
-        assert_eq!(crossings(all(0.0), &faces), [[0, 2]]);
-        assert!(crossings(all(2.0), &faces).is_empty());
+            flat.into_iter().chain(moved).collect()
+        }
+        assert_eq!(crossings(all(0.0, spike, flat), &faces), [[0, 2]]);
+        assert!(crossings(all(2.0, spike, flat), &faces).is_empty());
         // It touches with its tip.
-        assert!(crossings(all(1.0), &faces).is_empty());
+        assert!(crossings(all(1.0, spike, flat), &faces).is_empty());
     }
 
     #[test]
     fn faces_with_a_vertex_in_common_may_cross() {
-        let at = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
+            Point3::new(x, y, z)
+        }
         let places =
             vec![at(0., 0., 0.), at(4., 0., 0.), at(0., 4., 0.), at(2., 1., -1.), at(1., 2., 1.)];
         assert_eq!(crossings(places, &[[0, 1, 2], [0, 3, 4]]), [[0, 1]]);
@@ -137,7 +142,7 @@ mod tests {
 
     /// The definition, edge by edge.
     fn meets(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
-        let pierces = |a: [u32; 3], b: [u32; 3]| {
+        fn pierces(a: [u32; 3], b: [u32; 3], mesh: &Mesh) -> bool {
             [[0, 1], [1, 2], [2, 0]].into_iter().any(|ends| {
                 let [p, q] = ends.map(|end| a[end]);
                 let [u, v, w] = b;
@@ -146,18 +151,20 @@ mod tests {
                 let is_inside = around.iter().all(|x| *x > 0.0) || around.iter().all(|x| *x < 0.0);
                 !b.contains(&p) && !b.contains(&q) && ends < 0.0 && is_inside
             })
-        };
-        pierces(a, b) || pierces(b, a)
+        }
+        pierces(a, b, mesh) || pierces(b, a, mesh)
     }
 
     #[test]
     fn triangles_of_a_lattice_cross_as_their_edges_pierce() {
         // Many of them lie in one plane, touch, or have no area.
         let places = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from));
-        let places = Vec::from_iter(places.map(Point3::from));
+        let places: Vec<_> = places.map(Point3::from).collect();
         let mesh = Mesh::new(places, Faces::triangles(Vec::new())).unwrap();
-        let triangles =
-            Vec::from_iter((0..27 * 27 * 27).step_by(61).map(|k| [k % 27, k / 27 % 27, k / 729]));
+        let triangles = (0..27 * 27 * 27)
+            .step_by(61)
+            .map(|k| [k % 27, k / 27 % 27, k / 729])
+            .collect::<Vec<_>>();
         let mut found = 0;
         for &a in &triangles {
             for &b in &triangles {

@@ -53,7 +53,9 @@ impl Value for Mesh {
         let edges = self.edges();
         let (vertices, faces) = (self.positions.len(), self.faces.len());
         let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
-        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
+        fn count(wanted: fn(&u32) -> bool, edges_faces: &[u32]) -> usize {
+            edges_faces.iter().filter(|n| wanted(n)).count()
+        }
         // From 0 on: the sum of nothing is -0.
         let area = self.faces.iter().fold(0.0, |sum, face| sum + self.area_vector(face).norm());
         let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
@@ -65,8 +67,8 @@ impl Value for Mesh {
             .with("vertices", vertices)
             .with("faces", faces)
             .with("edges", edges.vertices.len())
-            .with("boundary edges", count(|&n| n == 1))
-            .with("non-manifold edges", count(|&n| n > 2))
+            .with("boundary edges", count(|&n| n == 1, &edges.faces))
+            .with("non-manifold edges", count(|&n| n > 2, &edges.faces))
             .with("misoriented edges", edges.misoriented)
             .with("Euler characteristic", euler)
             .with("area", area)

@@ -38,15 +38,18 @@ fn parts(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
         }
     }
     let mut places = vec![0; mesh.positions.len()];
-    let part = |(faces, creases): (Vec<u32>, Vec<Crease>)| {
-        AnyValue::new(part(mesh, &faces, creases, &mut places))
-    };
-    Ok(faces.into_iter().zip(creases).map(part).collect())
+    Ok(faces
+        .into_iter()
+        .zip(creases)
+        .map(|(faces, creases): (Vec<u32>, Vec<Crease>)| {
+            AnyValue::new(part(mesh, &faces, creases, &mut places))
+        })
+        .collect())
 }
 
 /// The part of each face, and how many parts there are.
 fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
-    let mut above = Vec::from_iter(0..mesh.positions.len() as u32);
+    let mut above: Vec<_> = (0..mesh.positions.len() as u32).collect();
     fn root(above: &mut [u32], mut vertex: u32) -> u32 {
         while above[vertex as usize] != vertex {
             let next = above[vertex as usize];
@@ -63,15 +66,18 @@ fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
     }
     let mut numbers = vec![u32::MAX; mesh.positions.len()];
     let mut count = 0;
-    let number = |face: &[u32]| {
-        let number = &mut numbers[root(&mut above, face[0]) as usize];
-        if *number == u32::MAX {
-            *number = count;
-            count += 1;
-        }
-        *number
-    };
-    let parts = Vec::from_iter(mesh.faces.iter().map(number));
+    let parts: Vec<_> = mesh
+        .faces
+        .iter()
+        .map(|face| {
+            let number = &mut numbers[root(&mut above, face[0]) as usize];
+            if *number == u32::MAX {
+                *number = count;
+                count += 1;
+            }
+            *number
+        })
+        .collect();
     (parts, count as usize)
 }
 
@@ -79,7 +85,7 @@ fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
 fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]) -> Mesh {
     let all = &mesh.faces;
     let mut vertices =
-        Vec::from_iter(faces.iter().flat_map(|&face| all.face(face as usize)).copied());
+        faces.iter().flat_map(|&face| all.face(face as usize)).copied().collect::<Vec<_>>();
     let mut corners = vertices.clone();
     vertices.sort_unstable();
     vertices.dedup();
@@ -124,11 +130,15 @@ impl Mesh {
                 edges.extend(face.iter().zip(next).map(|(&a, &b)| [a.min(b), a.max(b)]));
             }
         }
-        let is_kept = |crease: &&Crease| {
-            let [a, b] = crease.vertices;
-            edges.contains(&[a.min(b), a.max(b)])
-        };
-        let creases = self.creases.iter().filter(is_kept).copied().collect();
+        let creases = self
+            .creases
+            .iter()
+            .filter(|crease| {
+                let [a, b] = crease.vertices;
+                edges.contains(&[a.min(b), a.max(b)])
+            })
+            .copied()
+            .collect();
         part(self, faces, creases, &mut vec![0; self.positions.len()])
     }
 }
@@ -140,26 +150,32 @@ fn holes(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
     if most < rims.len() {
         return Err(NoElements::TooMany { count: rims.len() });
     }
-    let curve = |rim: Vec<u32>| {
-        let points = rim.iter().map(|&vertex| mesh.positions[vertex as usize]);
-        let points: Vec<Point3<f64>> = points.collect();
-        let curve = Curve::polyline(points, true);
-        curve.map(AnyValue::new).map_err(|why| NoElements::Impossible(why.to_string()))
-    };
-    rims.into_iter().map(curve).collect()
+    rims.into_iter()
+        .map(|rim: Vec<u32>| {
+            let points = rim.iter().map(|&vertex| mesh.positions[vertex as usize]);
+            let points: Vec<Point3<f64>> = points.collect();
+            let curve = Curve::polyline(points, true);
+            curve.map(AnyValue::new).map_err(|why| NoElements::Impossible(why.to_string()))
+        })
+        .collect()
 }
 
 /// The loops of edges with one face, as vertices.
 fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
-    let around = |face: &[u32]| -> Vec<[u32; 2]> {
-        let next = face[1..].iter().chain(&face[..1]);
-        face.iter().zip(next).map(|(&a, &b)| [a, b]).collect()
-    };
-    let all = Vec::from_iter(mesh.faces.iter().flat_map(around));
+    let all: Vec<_> = mesh
+        .faces
+        .iter()
+        .flat_map(|face| -> Vec<[u32; 2]> {
+            let next = face[1..].iter().chain(&face[..1]);
+            face.iter().zip(next).map(|(&a, &b)| [a, b]).collect()
+        })
+        .collect();
     let mut order = Vec::from_iter(0..all.len());
-    let undirected = |edge: usize| [all[edge][0].min(all[edge][1]), all[edge][0].max(all[edge][1])];
-    order.sort_by_key(|&edge| (undirected(edge), edge));
-    let of_one_face = order.chunk_by(|&a, &b| undirected(a) == undirected(b));
+    fn undirected(edge: usize, all: &[[u32; 2]]) -> [u32; 2] {
+        [all[edge][0].min(all[edge][1]), all[edge][0].max(all[edge][1])]
+    }
+    order.sort_by_key(|&edge| (undirected(edge, &all), edge));
+    let of_one_face = order.chunk_by(|&a, &b| undirected(a, &all) == undirected(b, &all));
     let open = of_one_face.filter(|same| same.len() == 1).map(|same| same[0]);
     let mut open = Vec::from_iter(open);
     open.sort_unstable();
@@ -199,9 +215,13 @@ mod tests {
 
     fn mesh(faces: &[[u32; 3]]) -> Mesh {
         let count = faces.iter().flatten().max().map_or(0, |most| most + 1);
-        let place = |k: u32| Point3::new(f64::from(k), f64::from(k * k), 0.0);
-        Mesh::new((0..count).map(place).collect::<Vec<_>>(), Faces::triangles(faces.to_vec()))
-            .unwrap()
+        Mesh::new(
+            (0..count)
+                .map(|k: u32| Point3::new(f64::from(k), f64::from(k * k), 0.0))
+                .collect::<Vec<_>>(),
+            Faces::triangles(faces.to_vec()),
+        )
+        .unwrap()
     }
 
     #[test]

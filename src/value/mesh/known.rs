@@ -153,10 +153,14 @@ impl Mesh {
         if let Some(colors) = known.and_then(|Colors(_, colors)| colors.upgrade()) {
             return Some(colors);
         }
-        let sample = |of: &Material, uv| of.sample(uv).map(|channel| channel.round() as u8);
+        fn sample(of: &Material, uv: [f64; 2]) -> [u8; 3] {
+            of.sample(uv).map(|channel| channel.round() as u8)
+        }
         let colors = if !by_corner {
-            let sample = |&uv: &[f64; 2]| sample(&self.materials[0], uv);
-            uv.par_iter().with_min_len(BLOCK).map(sample).collect::<Vec<_>>()
+            uv.par_iter()
+                .with_min_len(BLOCK)
+                .map(|&uv| sample(&self.materials[0], uv))
+                .collect::<Vec<_>>()
         } else {
             let mut last = vec![None; self.positions.len()];
             let corners = self.faces.iter().enumerate().flat_map(|(face, corners)| {
@@ -166,18 +170,21 @@ impl Mesh {
                 last[of] = Some((face, uv[if vertex.is_some() { of } else { corner }]));
             }
             let own = self.vertex.colors("color");
-            let color = |(vertex, last): (usize, &Option<(usize, [f64; 2])>)| {
-                let (material, uv) = match *last {
-                    Some((face, uv)) => (self.material_of(face), uv),
-                    None => (self.materials.first(), [0.0; 2]),
-                };
-                match (material, own) {
-                    (Some(material), _) if material.shown().is_some() => sample(material, uv),
-                    (_, Some(own)) => own[vertex],
-                    (material, None) => material.map_or([255; 3], Material::color),
-                }
-            };
-            last.par_iter().enumerate().with_min_len(BLOCK).map(color).collect()
+            last.par_iter()
+                .enumerate()
+                .with_min_len(BLOCK)
+                .map(|(vertex, last)| {
+                    let (material, uv) = match *last {
+                        Some((face, uv)) => (self.material_of(face), uv),
+                        None => (self.materials.first(), [0.0; 2]),
+                    };
+                    match (material, own) {
+                        (Some(material), _) if material.shown().is_some() => sample(material, uv),
+                        (_, Some(own)) => own[vertex],
+                        (material, None) => material.map_or([255; 3], Material::color),
+                    }
+                })
+                .collect()
         };
         let colors = Column::from(colors);
         *lock(&self.known.colors) = Some(Colors(made_of, colors.downgrade()));
@@ -194,8 +201,7 @@ impl Mesh {
             known.get_or_init(|| boxes)
         });
         let (first, others) = boxes.split_first()?;
-        let both = |all: Bounds, of: &Bounds| (all.0.inf(&of.0), all.1.sup(&of.1));
-        Some(others.iter().fold(*first, both))
+        Some(others.iter().fold(*first, |all: Bounds, of| (all.0.inf(&of.0), all.1.sup(&of.1))))
     }
 }
 
@@ -222,20 +228,21 @@ mod tests {
     fn sheet(width: u32, quads: bool) -> Mesh {
         let place =
             |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
-        let corner = |k: u32| (k / (width - 1)) * width + k % (width - 1);
-        let cells = (0..(width - 1) * (width - 1)).map(corner);
+        let cells = (0..(width - 1) * (width - 1))
+            .map(|k: u32| (k / (width - 1)) * width + k % (width - 1));
         let faces = match quads {
             true => Faces::uniform(
                 4,
                 cells.flat_map(|a| [a, a + 1, a + width + 1, a + width]).collect::<Vec<_>>(),
             )
             .unwrap(),
-            false => {
-                let split = |a| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]];
-                Faces::triangles(cells.flat_map(split).collect())
-            }
+            false => Faces::triangles(
+                cells
+                    .flat_map(|a| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
+                    .collect(),
+            ),
         };
-        Mesh::new(Vec::from_iter((0..width * width).map(place)), faces).unwrap()
+        Mesh::new((0..width * width).map(place).collect::<Vec<_>>(), faces).unwrap()
     }
 
     fn anew(mesh: &Mesh) -> Vec<[f32; 3]> {
@@ -244,7 +251,9 @@ mod tests {
 
     #[test]
     fn vertices_have_the_color_of_the_picture_of_their_faces() {
-        let picture = |color: Rgb| Image::new(1, 1, vec![color]).unwrap();
+        fn picture(color: Rgb) -> Image {
+            Image::new(1, 1, vec![color]).unwrap()
+        }
         let red = Material::of_picture(picture([255, 0, 0]));
         let green = Material { base_color: [0.0, 1.0, 0.0, 1.0], ..Material::default() };
         let mesh = sheet(2, false);
@@ -277,9 +286,14 @@ mod tests {
                     ends.sort_unstable();
                     let [from, to, later, end] = ends;
                     let rows = [from..to.min(from + 8), later..end.min(later + 8)];
-                    let places = Vec::from_iter(rows.iter().cloned().flatten().map(|vertex| {
-                        mesh.positions()[vertex as usize] + Vector3::new(0.0, 0.1, dice.even())
-                    }));
+                    let places: Vec<_> = rows
+                        .iter()
+                        .cloned()
+                        .flatten()
+                        .map(|vertex| {
+                            mesh.positions()[vertex as usize] + Vector3::new(0.0, 0.1, dice.even())
+                        })
+                        .collect();
                     mesh = mesh.with_moved(&rows, &places).unwrap();
                 }
                 assert!(
@@ -300,7 +314,7 @@ mod tests {
     fn other_places_and_long_ways_begin_anew() {
         let mesh = sheet(9, false);
         let kept = mesh.single_normals();
-        let lifted = Vec::from_iter(mesh.positions().iter().map(|place| place.map(|x| x * x)));
+        let lifted: Vec<_> = mesh.positions().iter().map(|place| place.map(|x| x * x)).collect();
         let lifted = mesh.with_positions(lifted).unwrap();
         assert_eq!(lifted.single_normals()[..], anew(&lifted));
         let mut moved = mesh.clone();

@@ -52,7 +52,9 @@ mod tests {
 
     #[test]
     fn what_moved_is_found_if_all_else_is_the_same() {
-        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        fn at(x: f64, y: f64) -> Point3<f64> {
+            Point3::new(x, y, 0.0)
+        }
         let places = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
         let mesh = Mesh::new(places, Faces::triangles(vec![[0, 1, 2], [0, 2, 3]])).unwrap();
         let moved = mesh.with_moved(&[1..2, 3..4], &[at(1., -0.), at(5., 1.)]).unwrap();
@@ -60,24 +62,29 @@ mod tests {
             piece.zip(to).for_each(|(vertex, to)| *to = moved.positions()[vertex as usize]);
         });
         assert_eq!(by.map(|by| by.positions().clone()), Ok(moved.positions().clone()));
-        let nowhere = |piece: Range<u32>, to: &mut [Point3<f64>]| {
-            piece.zip(to).filter(|(vertex, _)| *vertex == 3).for_each(|(_, to)| to.y = f64::NAN);
-        };
-        let refused = mesh.with_moved_by(&[1..2, 2..4], nowhere);
+        let refused =
+            mesh.with_moved_by(&[1..2, 2..4], |piece: Range<u32>, to: &mut [Point3<f64>]| {
+                piece
+                    .zip(to)
+                    .filter(|(vertex, _)| *vertex == 3)
+                    .for_each(|(_, to)| to.y = f64::NAN);
+            });
         assert_eq!(refused.map(|_| ()), Err(MeshError::NotFinite { vertex: 3 }));
         let expected = Moved { vertices: vec![1..2, 3..4], normals: vec![] };
         assert_eq!(moved.moved_since(&mesh), Some(expected.clone()));
         assert_eq!(mesh.moved_since(&mesh), Some(Moved::default()));
 
-        let with_normals = |mesh: &Mesh, last: f64| {
+        fn with_normals(mesh: &Mesh, last: f64) -> Mesh {
             let normals = vec![[0., 0., 1.], [0., 0., 1.], [0., 0., 1.], [0., 0., last]];
             mesh.clone().with_vertex("normal", Attribute::Vector(normals.into())).unwrap()
-        };
+        }
         let [before, now] = [(&mesh, 1.), (&moved, -1.)].map(|(mesh, z)| with_normals(mesh, z));
         let normals = Vec::from_iter(std::iter::once(3..4));
         assert_eq!(now.moved_since(&before), Some(Moved { normals, ..expected }));
 
-        let number = |count: u32| Attribute::Number((0..count).map(f64::from).collect());
+        fn number(count: u32) -> Attribute {
+            Attribute::Number((0..count).map(f64::from).collect())
+        }
         for other in [
             Ok(now),
             moved.clone().with_vertex("height", number(4)),

@@ -62,10 +62,10 @@ impl TriangleTree {
     /// Sorts the triangles of a mesh, polygons as [`Mesh::face_triangles`] cuts them. Cost grows with n log n.
     pub fn new(mesh: &Mesh) -> Self {
         let unsorted = triangles(mesh);
-        let middle = |triangle: &Triangle| {
+        fn middle(triangle: &Triangle) -> Point3<f64> {
             let [a, b, c] = triangle.places;
             Point3::from((a.coords + b.coords + c.coords) / 3.0)
-        };
+        }
         let order = along_curve(unsorted.len(), |index| middle(&unsorted[index]), mesh.bounds());
         let triangles: Vec<Triangle> =
             order.par_iter().map(|&index| unsorted[index as usize]).collect();
@@ -97,13 +97,21 @@ impl TriangleTree {
         });
         // Each search begins where the last one ended: then it has little to look for.
         let order = along_curve(points.len(), |index| points[index], bounds);
-        let of_chunk = |places: &[u32]| {
-            let (mut found, mut visited) = (Vec::with_capacity(places.len()), 0);
-            let (found_here, visited_here) = (&mut found, &mut visited);
-            widest(Search { tree: self, points, places, found: found_here, visited: visited_here });
-            (found, visited)
-        };
-        let chunks: Vec<_> = order.par_chunks(CHUNK).map(of_chunk).collect();
+        let chunks: Vec<_> = order
+            .par_chunks(CHUNK)
+            .map(|places| {
+                let (mut found, mut visited) = (Vec::with_capacity(places.len()), 0);
+                let (found_here, visited_here) = (&mut found, &mut visited);
+                widest(Search {
+                    tree: self,
+                    points,
+                    places,
+                    found: found_here,
+                    visited: visited_here,
+                });
+                (found, visited)
+            })
+            .collect();
         let mut hits = vec![None; points.len()];
         for (places, (found, _)) in order.chunks(CHUNK).zip(&chunks) {
             for (&place, hit) in places.iter().zip(found) {
@@ -272,19 +280,29 @@ impl Group {
 
 fn triangles(mesh: &Mesh) -> Vec<Triangle> {
     let vertices = mesh.faces().corners();
-    let triangle = |face: usize, corners: [u32; 3]| {
+    fn triangle(
+        face: usize,
+        corners: [u32; 3],
+        mesh: &Mesh,
+        vertices: &crate::Column<u32>,
+    ) -> Triangle {
         let places = corners.map(|corner| mesh.positions()[vertices[corner as usize] as usize]);
         Triangle { places, face: face as u32, corners }
-    };
+    }
     if mesh.faces().sides() == Some(3) {
         let faces = (0..mesh.faces().len()).into_par_iter();
-        return faces.map(|face| triangle(face, [0, 1, 2].map(|k| 3 * face as u32 + k))).collect();
+        return faces
+            .map(|face| triangle(face, [0, 1, 2].map(|k| 3 * face as u32 + k), mesh, vertices))
+            .collect();
     }
-    let of_face = |face: usize| {
-        let first = mesh.faces().first_corner(face) as u32;
-        mesh.face_triangles(face).map(move |it| triangle(face, it.map(|corner| first + corner)))
-    };
-    (0..mesh.faces().len()).into_par_iter().flat_map_iter(of_face).collect()
+    (0..mesh.faces().len())
+        .into_par_iter()
+        .flat_map_iter(|face: usize| {
+            let first = mesh.faces().first_corner(face) as u32;
+            mesh.face_triangles(face)
+                .map(move |it| triangle(face, it.map(|corner| first + corner), mesh, vertices))
+        })
+        .collect()
 }
 
 /// The indices of points in such an order that neighbors in it are near each other.
@@ -295,21 +313,23 @@ fn along_curve(
 ) -> Vec<u32> {
     let (low, high) = bounds.unwrap_or_default();
     let scale = 2_097_151.0 / (high - low).amax().max(f64::MIN_POSITIVE);
-    let code = |index: usize| {
-        let place = point(index) - low;
-        let spread = |axis: usize| spread((place[axis] * scale) as u64);
-        (spread(0) | spread(1) << 1 | spread(2) << 2, index as u32)
-    };
-    let mut order: Vec<(u64, u32)> = (0..count).into_par_iter().map(code).collect();
+    let mut order: Vec<(u64, u32)> = (0..count)
+        .into_par_iter()
+        .map(|index: usize| {
+            let place = point(index) - low;
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((place[axis] * scale) as u64));
+            (x | y << 1 | z << 2, index as u32)
+        })
+        .collect();
     order.par_sort_unstable();
     order.into_par_iter().map(|(_, index)| index).collect()
 }
 
 fn around(point: Point3<f64>) -> Bounds {
-    let below = |x: f64| {
+    fn below(x: f64) -> f32 {
         let rounded = x as f32;
         if f64::from(rounded) > x { rounded.next_down() } else { rounded }
-    };
+    }
     let point = <[f64; 3]>::from(point.coords);
     [point.map(below), point.map(|x| -below(-x))]
 }
@@ -341,7 +361,10 @@ pub fn to_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3
         let nearest = ab * shares[1] + ac * shares[2];
         ((ap - nearest).norm_squared(), shares)
     };
-    let ratio = |part: f64, rest: f64| if part + rest > 0.0 { part / (part + rest) } else { 0.0 };
+    #[inline(always)]
+    fn ratio(part: f64, rest: f64) -> f64 {
+        if part + rest > 0.0 { part / (part + rest) } else { 0.0 }
+    }
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {
         return done([1.0, 0.0, 0.0]);
@@ -383,14 +406,17 @@ mod tests {
 
     #[test]
     fn the_tree_finds_what_a_look_at_all_triangles_finds() {
-        let at = |k: u32| {
-            let bump = f64::from(k * k % 17) / 5.0;
-            Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
-        };
         let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
         let faces = quads.flat_map(|a: u32| [[a, a + 1, a + 20], [a + 1, a + 21, a + 20]]);
-        let mesh =
-            Mesh::new((0..400).map(at).collect::<Vec<_>>(), Faces::triangles(faces.collect()));
+        let mesh = Mesh::new(
+            (0..400)
+                .map(|k: u32| {
+                    let bump = f64::from(k * k % 17) / 5.0;
+                    Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
+                })
+                .collect::<Vec<_>>(),
+            Faces::triangles(faces.collect()),
+        );
         let mesh = mesh.unwrap();
         let tree = TriangleTree::new(&mesh);
         let points: Vec<_> = (0..200u32)

@@ -44,11 +44,13 @@ impl Mesh {
 
     /// Adds a face's area vector to the normals of its vertices, as far as they are among those from `first` on.
     fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
-        let place = |vertex: &u32| vertex.wrapping_sub(first) as usize;
-        if face.iter().any(|vertex| place(vertex) < normals.len()) {
+        fn place(vertex: &u32, first: u32) -> usize {
+            vertex.wrapping_sub(first) as usize
+        }
+        if face.iter().any(|vertex| place(vertex, first) < normals.len()) {
             let area = self.area_vector(face);
             for vertex in face {
-                if let Some(normal) = normals.get_mut(place(vertex)) {
+                if let Some(normal) = normals.get_mut(place(vertex, first)) {
                     *normal += area;
                 }
             }
@@ -58,8 +60,25 @@ impl Mesh {
     /// Half the sum of the cross products of neighboring corners: as long as the face's area, pointing outward.
     pub fn area_vector(&self, face: &[u32]) -> Vector3<f64> {
         let origin = self.positions[face[0] as usize];
-        let spoke = |k: usize| self.positions[face[k] as usize] - origin;
-        (1..face.len() - 1).map(|k| spoke(k).cross(&spoke(k + 1))).sum::<Vector3<f64>>() / 2.0
+        fn spoke(
+            k: usize,
+            origin: nalgebra::Point3<f64>,
+            face: &[u32],
+            positions: &crate::Column<nalgebra::Point3<f64>>,
+        ) -> Vector3<f64> {
+            positions[face[k] as usize] - origin
+        }
+        (1..face.len() - 1)
+            .map(|k| {
+                spoke(k, origin, face, &self.positions).cross(&spoke(
+                    k + 1,
+                    origin,
+                    face,
+                    &self.positions,
+                ))
+            })
+            .sum::<Vector3<f64>>()
+            / 2.0
     }
 }
 

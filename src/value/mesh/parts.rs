@@ -26,7 +26,9 @@ const MATERIALS: &str = "materials";
 pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     let mut parts = Parts::default();
     let sides = mesh.faces.sides();
-    let text = |text: Option<String>, instead: &str| text.unwrap_or_else(|| instead.to_owned());
+    fn text(text: Option<String>, instead: &str) -> String {
+        text.unwrap_or_else(|| instead.to_owned())
+    }
     parts.fact("vertices", mesh.positions.len());
     parts.fact("faces", mesh.faces.len());
     parts.fact("corners of a face", text(sides.map(|sides| sides.to_string()), "mixed"));
@@ -40,7 +42,7 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     }
     parts.push("position", On::Vertex, Meaning::Position, 3, &mesh.positions[..]);
     if sides.is_none() {
-        let sides = Vec::from_iter(mesh.faces.iter().map(|face| face.len() as u32));
+        let sides: Vec<_> = mesh.faces.iter().map(|face| face.len() as u32).collect();
         parts.push("sides", On::Face, Meaning::Exact, 1, sides);
     }
     let on = if sides.is_some() { On::Face } else { On::Corner };
@@ -74,7 +76,7 @@ pub(super) fn names(materials: &[Material]) -> Option<String> {
     let is_more = materials.len() > 1 || materials.iter().any(|it| !it.is_plain());
     let name =
         |it: &Material| if it.name.is_empty() { "(no name)".into() } else { it.name.clone() };
-    is_more.then(|| Vec::from_iter(materials.iter().map(name)).join(", "))
+    is_more.then(|| materials.iter().map(name).collect::<Vec<_>>().join(", "))
 }
 
 /// A picture beside materials that is not that of the first one that has one.
@@ -92,7 +94,9 @@ fn in_words(texture: &Image) -> String {
 /// Faces of several sizes have `sides`, a number for each, and `corners` of one number each; others have `corners` of as many numbers as
 /// a face has corners. What else lies on vertices, corners and faces is an attribute.
 pub(super) fn made_of(parts: &Parts<'_>) -> Result<Mesh, PartsError> {
-    let missing = |part: &str| PartsError::Missing { part: part.to_owned() };
+    fn missing(part: &str) -> PartsError {
+        PartsError::Missing { part: part.to_owned() }
+    }
     let of = |on, name: &str| parts.on(on, name);
     let position = of(On::Vertex, "position").ok_or_else(|| missing("position"))?;
     let corners = of(On::Face, "corners").or_else(|| of(On::Corner, "corners"));
@@ -139,7 +143,7 @@ fn faces(corners: &Part<'_>, sides: Option<&Part<'_>>) -> Result<Faces, PartsErr
     let faces = match sides {
         Some(sides) => {
             let sides = sides.with_width(1)?.whole()?;
-            let sides = Vec::from_iter(sides.into_iter().map(|sides| sides as usize));
+            let sides: Vec<_> = sides.into_iter().map(|sides| sides as usize).collect();
             Faces::polygons(&sides, corners.with_width(1)?.whole()?)
         }
         None => Faces::uniform(corners.width, corners.whole()?),
@@ -149,8 +153,9 @@ fn faces(corners: &Part<'_>, sides: Option<&Part<'_>>) -> Result<Faces, PartsErr
 
 fn texture(parts: &Parts<'_>) -> Result<Option<Image>, PartsError> {
     let Some(part) = parts.on(On::Texel, TEXTURE) else { return Ok(None) };
-    let missing = || PartsError::Missing { part: TEXTURE_SIZE.into() };
-    let size = parts.on(On::Whole, TEXTURE_SIZE).ok_or_else(missing)?;
+    let size = parts
+        .on(On::Whole, TEXTURE_SIZE)
+        .ok_or_else(|| PartsError::Missing { part: TEXTURE_SIZE.into() })?;
     let [width, height] = counts(size, 0, size.only()?)?;
     let texture = Image::new(width, height, part.colors()?).map_err(PartsError::refused)?;
     Ok(Some(texture.with_camera(Pinhole::of(parts, TEXTURE_CAMERA)?)))

@@ -44,14 +44,20 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
         if mesh.faces().sides() == Some(3) {
             return None;
         }
-        let sides = |face: &u32| mesh.faces().face(*face as usize).len();
-        let others = Vec::from_iter((0..mesh.faces().len() as u32).filter(|face| sides(face) != 3));
-        let corners = |face: u32| {
-            let face = mesh.faces().face(face as usize).iter();
-            face.map(|&vertex| mesh.positions()[vertex as usize]).collect()
-        };
-        let name = |face: u32| format!("face {face} has {}", sides(&face));
-        Offence::of(&others, "faces of more than three corners", name, corners)
+        fn sides(face: &u32, mesh: &Mesh) -> usize {
+            mesh.faces().face(*face as usize).len()
+        }
+        let others: Vec<_> =
+            (0..mesh.faces().len() as u32).filter(|face| sides(face, mesh) != 3).collect();
+        Offence::of(
+            &others,
+            "faces of more than three corners",
+            |face: u32| format!("face {face} has {}", sides(&face, mesh)),
+            |face: u32| {
+                let face = mesh.faces().face(face as usize).iter();
+                face.map(|&vertex| mesh.positions()[vertex as usize]).collect()
+            },
+        )
     }),
     Property::new("NonEmpty", "It has faces.", |mesh| {
         mesh.faces().is_empty().then(|| Offence::nothing("faces"))
@@ -64,10 +70,13 @@ fn edges(
     offending: impl Iterator<Item = usize>,
     ends: &[[u32; 2]],
 ) -> Option<Offence> {
-    let offending = Vec::from_iter(offending.map(|edge| ends[edge]));
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let name = |[a, b]: [u32; 2]| format!("edge {a}-{b}");
-    Offence::of(&offending, what, name, |ends| ends.map(place).to_vec())
+    let offending: Vec<_> = offending.map(|edge| ends[edge]).collect();
+    Offence::of(
+        &offending,
+        what,
+        |[a, b]: [u32; 2]| format!("edge {a}-{b}"),
+        |ends| ends.map(|vertex: u32| mesh.positions()[vertex as usize]).to_vec(),
+    )
 }
 
 /// The edges that two faces run through in the same direction, ascending.
@@ -149,8 +158,9 @@ mod tests {
 
     /// What is said of each property of a mesh of so many vertices on a line.
     fn told(vertices: u32, faces: &[&[u32]]) -> Vec<String> {
-        let positions = Vec::from_iter((0..vertices).map(|x| Point3::new(f64::from(x), 0.0, 0.0)));
-        let sides = Vec::from_iter(faces.iter().map(|face| face.len()));
+        let positions: Vec<_> =
+            (0..vertices).map(|x| Point3::new(f64::from(x), 0.0, 0.0)).collect();
+        let sides: Vec<_> = faces.iter().map(|face| face.len()).collect();
         let faces = Faces::polygons(&sides, faces.concat()).unwrap();
         let mesh = AnyValue::new(Mesh::new(positions, faces).unwrap());
         let names = mesh.kind().properties().into_iter();

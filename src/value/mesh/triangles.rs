@@ -15,7 +15,9 @@ impl Mesh {
     pub fn face_triangles(&self, face: usize) -> impl Iterator<Item = [u32; 3]> + use<> {
         let cut = (!self.is_fan(face)).then(|| {
             let corners = self.faces().face(face).iter();
-            triangulate(&Vec::from_iter(corners.map(|&vertex| self.positions()[vertex as usize])))
+            triangulate(
+                &corners.map(|&vertex| self.positions()[vertex as usize]).collect::<Vec<_>>(),
+            )
         });
         let plain = fan(if cut.is_some() { 0 } else { self.faces().face(face).len() });
         cut.into_iter().flatten().chain(plain)
@@ -24,11 +26,13 @@ impl Mesh {
     /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them, with their corners by index among the
     /// corners of all faces.
     pub fn triangle_corners(&self) -> Vec<[u32; 3]> {
-        let of_face = |face: usize| {
-            let first = self.faces().first_corner(face) as u32;
-            self.face_triangles(face).map(move |it| it.map(|corner| first + corner))
-        };
-        (0..self.faces().len()).into_par_iter().flat_map_iter(of_face).collect()
+        (0..self.faces().len())
+            .into_par_iter()
+            .flat_map_iter(|face: usize| {
+                let first = self.faces().first_corner(face) as u32;
+                self.face_triangles(face).map(move |it| it.map(|corner| first + corner))
+            })
+            .collect()
     }
 
     /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them, with their vertices.

@@ -10,7 +10,7 @@ const LENGTHS: [usize; 8] = [0, 1, 2, 127, 128, 129, 1000, 4099];
 fn on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let results = [1, 2, 7].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| Vec::from_iter(LENGTHS.iter().map(|&length| f(length))))
+        pool.install(|| LENGTHS.iter().map(|&length| f(length)).collect::<Vec<_>>())
     });
     let [one, two, seven] = results;
     assert_eq!(one, two);
@@ -27,14 +27,16 @@ fn random(length: usize) -> Vec<u32> {
 fn lists_are_those_of_loops_on_one_thread() {
     on_any_threads(|length| {
         let list = random(length);
-        let odd = |x: &&u32| **x % 2 == 1;
+        fn odd(x: &&u32) -> bool {
+            **x % 2 == 1
+        }
         let halves = |&x: &u32| (0..x % 5).map(move |k| x + k);
         let whole: Vec<u64> = list.par_iter().map(|&x| u64::from(x) + 1).collect();
-        assert_eq!(whole, Vec::from_iter(list.iter().map(|&x| u64::from(x) + 1)));
+        assert_eq!(whole, list.iter().map(|&x| u64::from(x) + 1).collect::<Vec<_>>());
         let some: Vec<&u32> = list.par_iter().filter(odd).collect();
-        assert_eq!(some, Vec::from_iter(list.iter().filter(odd)));
+        assert_eq!(some, list.iter().filter(odd).collect::<Vec<_>>());
         let more: Vec<u32> = list.par_iter().with_min_len(16).flat_map_iter(halves).collect();
-        assert_eq!(more, Vec::from_iter(list.iter().flat_map(halves)));
+        assert_eq!(more, list.iter().flat_map(halves).collect::<Vec<_>>());
         let text: Vec<String> =
             list.clone().into_par_iter().filter_map(|x| (x > 500).then(|| x.to_string())).collect();
         let expected = list.iter().filter(|&&x| x > 500).map(u32::to_string);
@@ -44,7 +46,7 @@ fn lists_are_those_of_loops_on_one_thread() {
         let longer = list.len() + 3;
         let pairs: Vec<(usize, u32)> =
             (0..longer).into_par_iter().zip(&list).map(|(a, b)| (a, *b)).collect();
-        assert_eq!(pairs, Vec::from_iter((0..longer).zip(list.iter().copied())));
+        assert_eq!(pairs, (0..longer).zip(list.iter().copied()).collect::<Vec<_>>());
         let mut all = vec![7];
         list.par_iter().copied().collect_into(&mut all);
         list.par_iter().filter(odd).copied().collect_into(&mut all);
@@ -59,11 +61,11 @@ fn chunks_and_windows_are_those_of_the_slice() {
         let list = random(length);
         for size in [1, 3, 100, 5000] {
             let chunks: Vec<&[u32]> = list.par_chunks(size).collect();
-            assert_eq!(chunks, Vec::from_iter(list.chunks(size)));
+            assert_eq!(chunks, list.chunks(size).collect::<Vec<_>>());
             let exact: Vec<&[u32]> = list.par_chunks_exact(size).collect();
-            assert_eq!(exact, Vec::from_iter(list.chunks_exact(size)));
+            assert_eq!(exact, list.chunks_exact(size).collect::<Vec<_>>());
             let windows: Vec<&[u32]> = list.par_windows(size).collect();
-            assert_eq!(windows, Vec::from_iter(list.windows(size)));
+            assert_eq!(windows, list.windows(size).collect::<Vec<_>>());
             let mut marked = list.clone();
             let strips = marked.par_chunks_mut(size).enumerate();
             strips.for_each(|(strip, strip_of)| strip_of.fill(strip as u32));
@@ -104,7 +106,9 @@ fn ends_of_loops_do_not_depend_on_threads() {
         let sum: f64 = numbers().sum();
         let folded = numbers().reduce(|| 0.0, |a, b| a + b);
         let enumerated = || list.par_iter().copied().enumerate();
-        let rank = |(place, x): (usize, u32)| (x / 10, place);
+        fn rank((place, x): (usize, u32)) -> (u32, usize) {
+            (x / 10, place)
+        }
         assert_eq!(enumerated().map(rank).max(), list.iter().copied().enumerate().map(rank).max());
         assert_eq!(enumerated().map(rank).min(), list.iter().copied().enumerate().map(rank).min());
         let first = list.par_iter().position_first(|&x| x > 900);
@@ -115,7 +119,9 @@ fn ends_of_loops_do_not_depend_on_threads() {
             list.par_iter().filter(|x| **x < 9).count(),
             list.iter().filter(|x| **x < 9).count()
         );
-        let fails = |&x: &u32| if x > 900 { Err(x) } else { Ok(x) };
+        fn fails(&x: &u32) -> Result<u32, u32> {
+            if x > 900 { Err(x) } else { Ok(x) }
+        }
         let gathered: Result<Vec<u32>, u32> = list.par_iter().map(fails).collect();
         assert_eq!(gathered, list.iter().map(fails).collect());
         [sum, folded].map(f64::to_bits)
@@ -126,8 +132,10 @@ fn ends_of_loops_do_not_depend_on_threads() {
 #[test]
 fn memory_is_made_once_for_each_part() {
     let made = AtomicUsize::new(0);
-    let init = || made.fetch_add(1, Ordering::Relaxed);
-    let list: Vec<usize> = (0..1000_usize).into_par_iter().map_init(init, |_, x| x).collect();
+    let list: Vec<usize> = (0..1000_usize)
+        .into_par_iter()
+        .map_init(|| made.fetch_add(1, Ordering::Relaxed), |_, x| x)
+        .collect();
     assert!(list.into_iter().eq(0..1000));
     assert_eq!(made.into_inner(), INITIALIZED_PARTS);
 }
@@ -150,11 +158,14 @@ fn what_is_not_reached_is_dropped_once() {
 #[test]
 fn a_panic_reaches_the_caller() {
     let item = Arc::new(());
-    let bad = |x: usize| {
-        assert!(x != 700, "seven hundred");
-        item.clone()
-    };
-    let caught =
-        std::panic::catch_unwind(|| (0..1000_usize).into_par_iter().map(bad).collect::<Vec<_>>());
+    let caught = std::panic::catch_unwind(|| {
+        (0..1000_usize)
+            .into_par_iter()
+            .map(|x: usize| {
+                assert!(x != 700, "seven hundred");
+                item.clone()
+            })
+            .collect::<Vec<_>>()
+    });
     assert_eq!(caught.unwrap_err().downcast_ref(), Some(&"seven hundred"));
 }

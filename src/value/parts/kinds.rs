@@ -116,7 +116,7 @@ fn named<T: Copy>(
 ) -> Result<T, String> {
     let found = all.iter().copied().find(|it| name(*it) == word);
     found.ok_or_else(|| {
-        let known = Vec::from_iter(all.iter().map(|it| name(*it))).join(", ");
+        let known = all.iter().map(|it| name(*it)).collect::<Vec<_>>().join(", ");
         format!("{what} one of {known}, not `{word}`")
     })
 }

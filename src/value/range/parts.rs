@@ -94,8 +94,10 @@ pub(super) fn show(range: &RangeImage) -> Vec<Layer> {
     });
     let image = Image::new(width, height, Vec::from_iter(pixels));
     let registration = Some(range.registration);
-    let layer = |image| Layer::Picture(Picture { image, registration, drawn: true });
-    image.into_iter().map(layer).collect()
+    image
+        .into_iter()
+        .map(|image| Layer::Picture(Picture { image, registration, drawn: true }))
+        .collect()
 }
 
 pub(super) fn hostile() -> Vec<RangeImage> {
@@ -114,11 +116,21 @@ mod tests {
 
     #[test]
     fn near_is_brighter_than_far_and_holes_are_plain() {
-        let point = |k: usize| match k {
-            5 => Point3::new(f64::NAN, 0.0, 0.0),
-            k => Point3::new((k % 4) as f64, (k / 4) as f64, if k % 4 < 2 { 100.0 } else { 200.0 }),
-        };
-        let range = RangeImage::new(4, 3, (0..12).map(point).collect()).unwrap();
+        let range = RangeImage::new(
+            4,
+            3,
+            (0..12)
+                .map(|k: usize| match k {
+                    5 => Point3::new(f64::NAN, 0.0, 0.0),
+                    k => Point3::new(
+                        (k % 4) as f64,
+                        (k / 4) as f64,
+                        if k % 4 < 2 { 100.0 } else { 200.0 },
+                    ),
+                })
+                .collect(),
+        )
+        .unwrap();
         let [Layer::Picture(picture)] = &show(&range)[..] else { panic!("one picture") };
         assert_eq!(picture.image.at([1, 1]), PLAIN);
         assert!(picture.image.at([0, 2])[0] > picture.image.at([3, 2])[0]);

@@ -18,11 +18,11 @@ pub(super) fn parts(region: &Region) -> Parts<'_> {
     parts.push("cell", On::Point, Meaning::Index, 1, &region.cells[..]);
     parts.push("filled", On::Point, Meaning::Exact, 1, &region.filled[..]);
     let contours = || region.contours.iter();
-    let cells = Vec::from_iter(contours().flat_map(|contour| contour.cells.iter().copied()));
+    let cells: Vec<_> = contours().flat_map(|contour| contour.cells.iter().copied()).collect();
     parts.push("contour", On::Entry, Meaning::Index, 1, cells);
-    let lengths = Vec::from_iter(contours().map(|contour| contour.cells.len() as u32));
+    let lengths: Vec<_> = contours().map(|contour| contour.cells.len() as u32).collect();
     parts.push_aside(LENGTHS, On::Entry, Meaning::Exact, 1, lengths);
-    let holes = Vec::from_iter(contours().map(|contour| u8::from(contour.hole)));
+    let holes: Vec<_> = contours().map(|contour| u8::from(contour.hole)).collect();
     parts.push_aside(HOLES, On::Entry, Meaning::Exact, 1, holes);
     parts
 }
@@ -44,33 +44,40 @@ pub(super) fn made_of(parts: &Parts<'_>) -> Result<Region, PartsError> {
 fn contours(parts: &Parts<'_>, cells: &[u32]) -> Result<Vec<Contour>, PartsError> {
     let (contour, lengths) = (parts.need("contour", 1)?, parts.need(LENGTHS, 1)?);
     let all = contour.whole()?;
-    let is_outside = |cell: &u32| cells.binary_search(cell).is_err();
-    if let Some(index) = all.iter().position(is_outside) {
+    if let Some(index) = all.iter().position(|cell| cells.binary_search(cell).is_err()) {
         return Err(contour.wrong(index, f64::from(all[index]), "a cell of the region"));
     }
     let counts = lengths.whole()?;
     contour.with_count(counts.iter().map(|&count| count as usize).sum())?;
     let holes = parts.need(HOLES, 1)?.with_count(counts.len())?.small(1)?;
     let mut rest = &all[..];
-    let contour = |(&count, &hole): (&u32, &u8)| {
-        let (cells, behind) = rest.split_at(count as usize);
-        rest = behind;
-        Contour { hole: hole == 1, cells: cells.to_vec() }
-    };
-    Ok(counts.iter().zip(&holes).map(contour).collect())
+    Ok(counts
+        .iter()
+        .zip(&holes)
+        .map(|(&count, &hole): (&u32, &u8)| {
+            let (cells, behind) = rest.split_at(count as usize);
+            rest = behind;
+            Contour { hole: hole == 1, cells: cells.to_vec() }
+        })
+        .collect())
 }
 
 /// White on its grid; its contours in space.
 pub(super) fn show(region: &Region) -> Vec<Layer> {
-    let color = |inside: u8| if inside == 1 { [255; 3] } else { PLAIN };
-    let pixels = Vec::from_iter(region.grid().into_iter().map(color));
+    let pixels: Vec<_> = region
+        .grid()
+        .into_iter()
+        .map(|inside: u8| if inside == 1 { [255; 3] } else { PLAIN })
+        .collect();
     let mut layers = Picture::drawn(Image::new(region.width, region.height, pixels));
-    let index = |cell: &u32| region.find(*cell as usize).map(|index| index as u32);
-    let chain = |contour: &Contour| {
-        let ring = contour.cells.iter().chain(contour.cells.first());
-        ring.filter_map(index).collect()
-    };
-    let chains: Vec<Vec<u32>> = region.contours.iter().map(chain).collect();
+    let chains: Vec<Vec<u32>> = region
+        .contours
+        .iter()
+        .map(|contour| {
+            let ring = contour.cells.iter().chain(contour.cells.first());
+            ring.filter_map(|cell| region.find(*cell as usize).map(|index| index as u32)).collect()
+        })
+        .collect();
     if !chains.is_empty() {
         let points = region.points.clone();
         layers.push(Layer::Lines(Lines { points, chains, axes: Axes::Sensor }));

@@ -175,13 +175,13 @@ impl<'a> Tree<'a> {
     }
 
     fn parameters(&self, x: u32, y: u32) -> [f64; 2] {
-        let at = |ends: &[f64], x: u32| {
+        fn at(ends: &[f64], x: u32) -> f64 {
             let (span, share) = ((x / SPAN) as usize, f64::from(x % SPAN) / f64::from(SPAN));
             match ends.get(span + 1) {
                 Some(end) => ends[span] + (end - ends[span]) * share,
                 None => ends[span],
             }
-        };
+        }
         [at(&self.us, x), at(&self.vs, y)]
     }
 
@@ -191,7 +191,9 @@ impl<'a> Tree<'a> {
         const LAST: usize = SAMPLES - 1;
         let [u, v] = self.parameters(cell.x, cell.y);
         let [u_end, v_end] = self.parameters(cell.x + cell.side, cell.y + cell.side);
-        let share = |k: usize| k as f64 / LAST as f64;
+        fn share(k: usize) -> f64 {
+            k as f64 / LAST as f64
+        }
         let mut points = [[Point3::origin(); SAMPLES]; SAMPLES];
         for (i, line) in points.iter_mut().enumerate() {
             for (j, point) in line.iter_mut().enumerate() {
@@ -200,16 +202,16 @@ impl<'a> Tree<'a> {
             }
         }
         let mut height = 0.0f64;
-        let mut line = |at: &[Point3<f64>; SAMPLES]| {
+        fn line(at: &[Point3<f64>; SAMPLES], height: &mut f64) {
             for k in 1..LAST {
                 let sample = distance(at[k], at[0], at[LAST]);
                 // What is not finite is not flat.
-                height = if sample <= height { height } else { sample };
+                *height = if sample <= *height { *height } else { sample };
             }
-        };
+        }
         for (fixed, along) in points.iter().enumerate() {
-            line(along);
-            line(&points.map(|line| line[fixed]));
+            line(along, &mut height);
+            line(&points.map(|line| line[fixed]), &mut height);
         }
         // A diagonal may bend inside of its quad, but not out of it.
         let [a, b] = [points[0][0], points[0][LAST]];
@@ -238,15 +240,17 @@ impl<'a> Tree<'a> {
         }
         vertices.par_sort_unstable();
         vertices.dedup();
-        let index = |vertex: u64| vertices.partition_point(|&other| other < vertex) as u32;
+        fn index(vertex: u64, vertices: &[u64]) -> u32 {
+            vertices.partition_point(|&other| other < vertex) as u32
+        }
         let (mut sides, mut corners) = (Vec::new(), Vec::new());
         for (ring, center) in &rings {
-            let ring: Vec<u32> = ring.iter().map(|&vertex| index(vertex)).collect();
+            let ring: Vec<u32> = ring.iter().map(|&vertex| index(vertex, &vertices)).collect();
             if ring.len() == 4 {
                 sides.push(4);
                 corners.extend(ring);
             } else {
-                let center = index(*center);
+                let center = index(*center, &vertices);
                 for (k, &vertex) in ring.iter().enumerate() {
                     sides.push(3);
                     corners.extend([center, vertex, ring[(k + 1) % ring.len()]]);
@@ -282,23 +286,33 @@ mod tests {
 
     /// A plain with one steep hill.
     fn hill() -> Surface {
-        let point = |k: usize| {
-            let (x, y) = ((k % 12) as f64, (k / 12) as f64);
-            Point3::new(x, y, if (k % 12, k / 12) == (3, 4) { 6.0 } else { 0.0 })
-        };
-        let net = ControlNet::new(12, 12, (0..144).map(point).collect::<Vec<_>>()).unwrap();
+        let net = ControlNet::new(
+            12,
+            12,
+            (0..144)
+                .map(|k: usize| {
+                    let (x, y) = ((k % 12) as f64, (k / 12) as f64);
+                    Point3::new(x, y, if (k % 12, k / 12) == (3, 4) { 6.0 } else { 0.0 })
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let knots = KnotVector::uniform(12, 4).unwrap();
         Surface::new(net, knots.clone(), knots).unwrap()
     }
 
     /// The distance of a point from the nearest triangle of a face, divided as a fan.
     fn from_face(mesh: &Mesh, face: &[u32], point: Point3<f64>) -> f64 {
-        let at = |k: usize| mesh.positions()[face[k] as usize];
-        let plane = |[a, b, c]: [Point3<f64>; 3]| {
+        fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
+            mesh.positions()[face[k] as usize]
+        }
+        fn plane([a, b, c]: [Point3<f64>; 3], point: Point3<f64>) -> f64 {
             let normal = (b - a).cross(&(c - a));
             ((point - a).dot(&normal) / normal.norm()).abs()
-        };
-        (2..face.len()).map(|k| plane([at(0), at(k - 1), at(k)])).fold(f64::INFINITY, f64::min)
+        }
+        (2..face.len())
+            .map(|k| plane([at(0, mesh, face), at(k - 1, mesh, face), at(k, mesh, face)], point))
+            .fold(f64::INFINITY, f64::min)
     }
 
     #[test]

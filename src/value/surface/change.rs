@@ -103,19 +103,21 @@ impl Surface {
             Along::V => (at / columns, &sources[at % columns]),
         };
         let mean = |from: &[Point3<f64>]| -> (Vec<Point3<f64>>, Vec<f64>) {
-            let mean = |at: usize| {
-                let (line, sources) = place(at);
-                lines.mean(from, line, sources)
-            };
-            (0..rows * columns).map(mean).unzip()
+            (0..rows * columns)
+                .map(|at: usize| {
+                    let (line, sources) = place(at);
+                    lines.mean(from, line, sources)
+                })
+                .unzip()
         };
         let (points, weights) = mean(net.points());
         let (base, _) = mean(net.base());
-        let fixed = |at: usize| {
-            let (line, sources) = place(at);
-            u8::from(sources.iter().all(|&(k, _)| net.fixed()[lines.at(line, k)] == 1))
-        };
-        let fixed = (0..rows * columns).map(fixed).collect();
+        let fixed = (0..rows * columns)
+            .map(|at: usize| {
+                let (line, sources) = place(at);
+                u8::from(sources.iter().all(|&(k, _)| net.fixed()[lines.at(line, k)] == 1))
+            })
+            .collect();
         let build = || {
             ControlNet::new(rows, columns, base)?
                 .with_points(points)?
@@ -192,13 +194,17 @@ fn moved_chart(chart: &Chart, along: Along, before: &KnotVector, change: &KnotCh
         Along::V => 1,
     };
     let (start, end) = change.knots().domain();
-    let moved = |(&cell, coordinate): (&u32, &[f64; 2])| {
-        let at = before.parameter(coordinate[axis]);
-        let mut coordinate = *coordinate;
-        coordinate[axis] = change.knots().net_coordinate(at);
-        (start <= at && at <= end).then_some((cell, coordinate))
-    };
-    let kept: Vec<_> = chart.cells.iter().zip(chart.coordinates.iter()).filter_map(moved).collect();
+    let kept: Vec<_> = chart
+        .cells
+        .iter()
+        .zip(chart.coordinates.iter())
+        .filter_map(|(&cell, coordinate): (&u32, &[f64; 2])| {
+            let at = before.parameter(coordinate[axis]);
+            let mut coordinate = *coordinate;
+            coordinate[axis] = change.knots().net_coordinate(at);
+            (start <= at && at <= end).then_some((cell, coordinate))
+        })
+        .collect();
     Chart {
         grid: chart.grid,
         cells: kept.iter().map(|(cell, _)| *cell).collect(),
@@ -240,7 +246,9 @@ mod tests {
             }
             same(&before, &before.bezier());
             let pieces = before.bezier();
-            let whole = |knots: &KnotVector| (knots.n_control() - 1) % knots.degree();
+            fn whole(knots: &KnotVector) -> usize {
+                (knots.n_control() - 1) % knots.degree()
+            }
             assert_eq!([whole(pieces.u()), whole(pieces.v())], [0, 0]);
         }
     }
@@ -302,10 +310,10 @@ mod tests {
             ];
             assert!((old[0] - new[0]).abs() <= 1e-12 && (old[1] - new[1]).abs() <= 1e-12);
         }
-        let on_base = |surface: &Surface| {
+        fn on_base(surface: &Surface) -> Point3<f64> {
             let net = surface.net().clone().with_points(surface.net().base().to_vec()).unwrap();
             Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap().point(1.9, 2.2)
-        };
+        }
         assert!((on_base(&before) - on_base(&after)).norm() <= 1e-12);
         assert_eq!((after.net().fixed()[9 * 2], after.net().fixed()[9 * 4]), (1, 0));
         let [_, last] = before.split(Along::U, 3.0).unwrap();

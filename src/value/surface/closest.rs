@@ -35,10 +35,11 @@ impl Surface {
     /// equally near points any may be found, always the same.
     pub fn closest(&self, to: Point3<f64>) -> Foot {
         let (p, q) = (self.u.degree(), self.v.degree());
-        let spans = |knots: &KnotVector| -> Vec<usize> {
-            let full = |span: &usize| knots.knots()[*span] < knots.knots()[span + 1];
-            (knots.degree()..knots.n_control()).filter(full).collect()
-        };
+        fn spans(knots: &KnotVector) -> Vec<usize> {
+            (knots.degree()..knots.n_control())
+                .filter(|span| knots.knots()[*span] < knots.knots()[span + 1])
+                .collect()
+        }
         let (us, vs) = (spans(&self.u), spans(&self.v));
         let mut pieces: Vec<(f64, usize, usize)> = Vec::with_capacity(us.len() * vs.len());
         for &u in &us {
@@ -50,12 +51,12 @@ impl Surface {
             if best.is_some_and(|best| best.distance <= least) {
                 break;
             }
-            let inside = |knots: &KnotVector, span: usize, count: usize| {
+            fn inside(knots: &KnotVector, span: usize, count: usize) -> Vec<f64> {
                 let (low, high) = (knots.knots()[span], knots.knots()[span + 1]);
                 (0..count)
                     .map(|k| low + (high - low) * (k as f64 / (count - 1) as f64))
                     .collect::<Vec<f64>>()
-            };
+            }
             let (at_u, at_v) = (inside(&self.u, u, 2 * p + 1), inside(&self.v, v, 2 * q + 1));
             let samples = at_u.iter().flat_map(|&u| at_v.iter().map(move |&v| [u, v]));
             let distances = samples.map(|[u, v]| ((self.point(u, v) - to).norm(), [u, v]));
@@ -136,8 +137,15 @@ fn step(
         let (start, end) = domain[k];
         !(at[k] <= start && slope[k] > 0.0 || at[k] >= end && slope[k] < 0.0)
     });
-    let flat = |k: usize| slope[k].abs() <= PRECISION * spoke.norm() * tangents[k].norm();
-    if (0..2).all(|k| !free[k] || flat(k)) {
+    fn flat(
+        k: usize,
+        slope: Vector2<f64>,
+        spoke: Vector3<f64>,
+        tangents: &[Vector3<f64>; 2],
+    ) -> bool {
+        slope[k].abs() <= PRECISION * spoke.norm() * tangents[k].norm()
+    }
+    if (0..2).all(|k| !free[k] || flat(k, slope, spoke, &tangents)) {
         return None;
     }
     let first = Matrix2::new(
@@ -152,8 +160,8 @@ fn step(
         spoke.dot(&here.uv),
         spoke.dot(&here.vv),
     );
-    let down = |matrix: Matrix2<f64>| {
-        let matrix = match free {
+    fn down(matrix: Matrix2<f64>, free: &[bool; 2], slope: Vector2<f64>) -> Option<Vector2<f64>> {
+        let matrix = match *free {
             [true, true] => matrix,
             _ => Matrix2::new(matrix.m11, 0.0, 0.0, matrix.m22),
         };
@@ -161,14 +169,17 @@ fn step(
         let step = matrix.try_inverse().filter(|_| positive)? * -slope;
         let step = Vector2::from_fn(|k, _| if free[k] { step[k] } else { 0.0 });
         step.iter().all(|x| x.is_finite()).then_some(step)
-    };
+    }
     // At a pole one tangent is zero: then only the other parameter moves.
-    let along_tangents = || {
-        let share = |k: usize| if free[k] { -slope[k] / first[(k, k)] } else { 0.0 };
-        let step = Vector2::from_fn(|k, _| if first[(k, k)] > 0.0 { share(k) } else { 0.0 });
+    down(first + second, &free, slope).or_else(|| down(first, &free, slope)).or_else(|| {
+        fn share(k: usize, free: &[bool; 2], slope: Vector2<f64>, first: &Matrix2<f64>) -> f64 {
+            if free[k] { -slope[k] / first[(k, k)] } else { 0.0 }
+        }
+        let step = Vector2::from_fn(|k, _| {
+            if first[(k, k)] > 0.0 { share(k, &free, slope, &first) } else { 0.0 }
+        });
         step.iter().all(|x| x.is_finite()).then_some(step)
-    };
-    down(first + second).or_else(|| down(first)).or_else(along_tangents)
+    })
 }
 
 #[cfg(test)]
@@ -180,8 +191,10 @@ mod tests {
     /// A place around the test surface.
     fn place(k: usize) -> Point3<f64> {
         let k = k as f64;
-        let wave = |step: f64| libm::sin(step * k + step);
-        Point3::new(4.0 + 6.0 * wave(1.3), 3.5 + 6.0 * wave(2.1), 3.0 * wave(0.7))
+        fn wave(step: f64, k: f64) -> f64 {
+            libm::sin(step * k + step)
+        }
+        Point3::new(4.0 + 6.0 * wave(1.3, k), 3.5 + 6.0 * wave(2.1, k), 3.0 * wave(0.7, k))
     }
 
     #[test]

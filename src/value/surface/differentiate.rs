@@ -46,14 +46,22 @@ impl Surface {
     /// `S_uv = (A_uv - w_u S_v - w_v S_u - w_uv S) / w`; Piegl and Tiller, *The
     /// NURBS Book*, 2nd ed. (1997), eq. 4.20. Where all weights vanish they are taken 1e-4 of the span further inward.
     pub fn derivatives(&self, u: f64, v: f64) -> Derivatives {
-        let bases = |u, v| {
-            let by = |knots: &KnotVector, at| [0, 1, 2].map(|k| knots.basis_derivative(at, k));
-            (by(&self.u, u), by(&self.v, v))
-        };
-        let (mut by_u, mut by_v) = bases(u, v);
+        fn bases(
+            u: f64,
+            v: f64,
+            self_u: &KnotVector,
+            self_v: &KnotVector,
+        ) -> ([Basis; 3], [Basis; 3]) {
+            fn by(knots: &KnotVector, at: f64) -> [Basis; 3] {
+                [0, 1, 2].map(|k| knots.basis_derivative(at, k))
+            }
+            (by(self_u, u), by(self_v, v))
+        }
+        let (mut by_u, mut by_v) = bases(u, v, &self.u, &self.v);
         if self.contract(&by_u[0], &by_v[0]).w <= 0.0 {
             let step = INWARD_FOR_DERIVATIVES;
-            (by_u, by_v) = bases(inward(&self.u, u, step), inward(&self.v, v, step));
+            (by_u, by_v) =
+                bases(inward(&self.u, u, step), inward(&self.v, v, step), &self.u, &self.v);
         }
         let sum = |k: usize, l: usize| {
             let sum = self.contract(&by_u[k], &by_v[l]);
@@ -88,11 +96,11 @@ impl Surface {
         if let Some(normal) = both.then(|| normal(here.u, here.v)).flatten() {
             return Some(normal);
         }
-        let further = |knots: &KnotVector, at: f64| {
+        fn further(knots: &KnotVector, at: f64) -> f64 {
             let (start, end) = knots.domain();
             let step = INWARD_FOR_NORMALS * (end - start);
             if at < start + (end - start) / 2.0 { at.max(start) + step } else { at.min(end) - step }
-        };
+        }
         let (in_u, in_v) = (further(&self.u, u), further(&self.v, v));
         let mut places = [(in_u, v), (u, in_v), (in_u, in_v)];
         if here.u.norm() < here.v.norm() {
@@ -129,27 +137,35 @@ mod tests {
         for (u, v) in [(0.3, 0.7), (1.6, 2.2), (3.3, 4.6), (4.7, 0.2)] {
             let at = surface.derivatives(u, v);
             assert!((at.point - surface.point(u, v)).norm() <= 1e-14);
-            let slope = |f: &dyn Fn(f64) -> Vector3<f64>| (f(h) - f(-h)) / (2.0 * h);
+            fn slope(f: &dyn Fn(f64) -> Vector3<f64>, h: f64) -> Vector3<f64> {
+                (f(h) - f(-h)) / (2.0 * h)
+            }
             let near =
                 |a: Vector3<f64>, b: Vector3<f64>| assert!((a - b).norm() <= 1e-6, "{a} {b}");
-            near(at.u, slope(&|d| surface.point(u + d, v).coords));
-            near(at.v, slope(&|d| surface.point(u, v + d).coords));
-            near(at.uu, slope(&|d| surface.derivatives(u + d, v).u));
-            near(at.uv, slope(&|d| surface.derivatives(u, v + d).u));
-            near(at.vv, slope(&|d| surface.derivatives(u, v + d).v));
+            near(at.u, slope(&|d| surface.point(u + d, v).coords, h));
+            near(at.v, slope(&|d| surface.point(u, v + d).coords, h));
+            near(at.uu, slope(&|d| surface.derivatives(u + d, v).u, h));
+            near(at.uv, slope(&|d| surface.derivatives(u, v + d).u, h));
+            near(at.vv, slope(&|d| surface.derivatives(u, v + d).v, h));
         }
     }
 
     #[test]
     fn a_pole_far_from_the_origin_has_a_normal_too() {
         // The points of the pole are equal, but rounding leaves a tangent of some 1e-14.
-        let ring = |k: usize| {
-            let angle = 2.0 * std::f64::consts::PI * (k % 9) as f64 / 8.0;
-            let radius = (k / 9) as f64;
-            let [x, y] = [radius * libm::cos(angle), radius * libm::sin(angle)];
-            Point3::new(21.3 + x, 19.7 + y, 700.1)
-        };
-        let net = ControlNet::new(4, 9, (0..36).map(ring).collect::<Vec<_>>()).unwrap();
+        let net = ControlNet::new(
+            4,
+            9,
+            (0..36)
+                .map(|k: usize| {
+                    let angle = 2.0 * std::f64::consts::PI * (k % 9) as f64 / 8.0;
+                    let radius = (k / 9) as f64;
+                    let [x, y] = [radius * libm::cos(angle), radius * libm::sin(angle)];
+                    Point3::new(21.3 + x, 19.7 + y, 700.1)
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let weights = (0..36).map(|k| 0.3 + 0.1 * (k % 9) as f64).collect();
         let net = net.with_weights(weights).unwrap();
         let [u, v] = [4, 9].map(|count| KnotVector::uniform(count, 3).unwrap());
@@ -165,12 +181,18 @@ mod tests {
     #[test]
     fn a_pole_has_a_normal() {
         // A cone: the first row of the net is one point.
-        let ring = |k: usize| {
-            let angle = std::f64::consts::PI * (k % 5) as f64 / 4.0;
-            let radius = (k / 5) as f64;
-            Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), radius)
-        };
-        let net = ControlNet::new(3, 5, (0..15).map(ring).collect::<Vec<_>>()).unwrap();
+        let net = ControlNet::new(
+            3,
+            5,
+            (0..15)
+                .map(|k: usize| {
+                    let angle = std::f64::consts::PI * (k % 5) as f64 / 4.0;
+                    let radius = (k / 5) as f64;
+                    Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), radius)
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let [u, v] = [3, 5].map(|count| KnotVector::uniform(count, 3).unwrap());
         let cone = Surface::new(net, u, v).unwrap();
         let (pole, near) = (cone.normal(0.0, 1.5).unwrap(), cone.normal(1e-3, 1.5).unwrap());

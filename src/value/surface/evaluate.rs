@@ -78,15 +78,29 @@ pub(super) mod tests {
 
     /// A net of wavy points whose weights go from 0.5 to 2.
     fn wavy(rows: usize, columns: usize) -> ControlNet {
-        let point = |index: usize| {
-            let (a, b) = ((index / columns) as f64, (index % columns) as f64);
-            Point3::new(b + 0.2 * libm::sin(a), a + 0.1 * libm::cos(3.0 * b), libm::sin(a * b))
-        };
-        let weight = |index: usize| 0.5 + 1.5 * ((index * 7) % 10) as f64 / 9.0;
         let count = rows * columns;
-        ControlNet::new(rows, columns, (0..count).map(point).collect::<Vec<_>>())
-            .and_then(|net| net.with_weights((0..count).map(weight).collect()))
-            .unwrap()
+        ControlNet::new(
+            rows,
+            columns,
+            (0..count)
+                .map(|index: usize| {
+                    let (a, b) = ((index / columns) as f64, (index % columns) as f64);
+                    Point3::new(
+                        b + 0.2 * libm::sin(a),
+                        a + 0.1 * libm::cos(3.0 * b),
+                        libm::sin(a * b),
+                    )
+                })
+                .collect::<Vec<_>>(),
+        )
+        .and_then(|net| {
+            net.with_weights(
+                (0..count)
+                    .map(|index: usize| 0.5 + 1.5 * ((index * 7) % 10) as f64 / 9.0)
+                    .collect(),
+            )
+        })
+        .unwrap()
     }
 
     pub(crate) fn surface(orders: [usize; 2]) -> Surface {
@@ -101,10 +115,18 @@ pub(super) mod tests {
 
     fn cylinder() -> Surface {
         let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
-        let points = |z: f64| square.map(|(x, y)| Point3::new(f64::from(x), f64::from(y), z));
-        let weights = |_| (0..9).map(|k| if k % 2 == 0 { 1.0 } else { 0.5f64.sqrt() });
-        let net = ControlNet::new(2, 9, [points(0.0), points(2.0)].concat()).unwrap();
-        let net = net.with_weights((0..2).flat_map(weights).collect()).unwrap();
+        fn points(z: f64, square: &[(i32, i32); 9]) -> [Point3<f64>; 9] {
+            square.map(|(x, y)| Point3::new(f64::from(x), f64::from(y), z))
+        }
+        let net =
+            ControlNet::new(2, 9, [points(0.0, &square), points(2.0, &square)].concat()).unwrap();
+        let net = net
+            .with_weights(
+                (0..2)
+                    .flat_map(|_| (0..9).map(|k| if k % 2 == 0 { 1.0 } else { 0.5f64.sqrt() }))
+                    .collect(),
+            )
+            .unwrap();
         Surface::new(net, KnotVector::uniform(2, 2).unwrap(), KnotVector::cylinder()).unwrap()
     }
 
@@ -184,16 +206,15 @@ pub(super) mod tests {
     #[test]
     fn a_point_lies_in_the_hull_of_its_control_points() {
         let surface = surface([4, 3]);
-        let direction = |k: usize| {
-            let (z, angle) = (2.0 * k as f64 / 99.0 - 1.0, 2.4 * k as f64);
-            let radius = (1.0 - z * z).sqrt();
-            Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
-        };
         for u in samples(surface.u(), 7) {
             for v in samples(surface.v(), 7) {
                 let point = surface.point(u, v);
                 let ((a, values_u), (b, values_v)) = (surface.u().basis(u), surface.v().basis(v));
-                for direction in (0..100).map(direction) {
+                for direction in (0..100).map(|k: usize| {
+                    let (z, angle) = (2.0 * k as f64 / 99.0 - 1.0, 2.4 * k as f64);
+                    let radius = (1.0 - z * z).sqrt();
+                    Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
+                }) {
                     let local = (a..a + values_u.len()).flat_map(|row| {
                         let row = &surface.net().points()[row * surface.net().columns() + b..];
                         &row[..values_v.len()]
@@ -208,7 +229,9 @@ pub(super) mod tests {
 
     #[test]
     fn an_evenly_spaced_plane_is_reproduced_at_its_net_coordinates() {
-        let at = |a: f64, b: f64| Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b);
+        fn at(a: f64, b: f64) -> Point3<f64> {
+            Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b)
+        }
         let net = (0..12 * 13).map(|k| at((k / 13) as f64, (k % 13) as f64)).collect::<Vec<_>>();
         for order in 2..=5 {
             let net = ControlNet::new(12, 13, net.clone()).unwrap();
@@ -226,8 +249,15 @@ pub(super) mod tests {
             }
             // Linear in the Greville abscissae, linear in the parameter.
             let abscissae = surface.u().greville();
-            let line = |k: usize| Point3::new(abscissae[k / 13], 2.0 * abscissae[k / 13], 0.0);
-            let net = net.with_points((0..12 * 13).map(line).collect::<Vec<_>>()).unwrap();
+            let net = net
+                .with_points(
+                    (0..12 * 13)
+                        .map(|k: usize| {
+                            Point3::new(abscissae[k / 13], 2.0 * abscissae[k / 13], 0.0)
+                        })
+                        .collect::<Vec<_>>(),
+                )
+                .unwrap();
             let surface = Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap();
             for u in samples(surface.u(), 50) {
                 assert!((surface.point(u, 1.3) - Point3::new(u, 2.0 * u, 0.0)).norm() <= 1e-12);
@@ -243,9 +273,9 @@ pub(super) mod tests {
         points[row * 9 + column].z += 5.0;
         let net = before.net().clone().with_points(points).unwrap();
         let after = Surface::new(net, before.u().clone(), before.v().clone()).unwrap();
-        let window = |knots: &KnotVector, control: usize, at: f64| {
+        fn window(knots: &KnotVector, control: usize, at: f64) -> bool {
             knots.knots()[control] < at && at < knots.knots()[control + knots.degree() + 1]
-        };
+        }
         let mut reached = 0;
         for u in samples(before.u(), 40) {
             for v in samples(before.v(), 40) {
@@ -260,17 +290,17 @@ pub(super) mod tests {
     #[test]
     fn only_the_ratio_of_weights_counts_and_a_heavy_point_attracts_all() {
         let surface = surface([3, 3]);
-        let weighted = |weights: Vec<f64>| {
+        fn weighted(weights: Vec<f64>, surface: &Surface) -> Surface {
             let net = surface.net().clone().with_weights(weights).unwrap();
             Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap()
-        };
-        let scaled = weighted(surface.net().weights().iter().map(|w| 7.0 * w).collect());
+        }
+        let scaled = weighted(surface.net().weights().iter().map(|w| 7.0 * w).collect(), &surface);
         for (u, v) in [(0.0, 0.0), (0.4, 3.3), (2.5, 6.9), (6.0, 7.0)] {
             assert!((scaled.point(u, v) - surface.point(u, v)).norm() <= 1e-14);
         }
         let mut weights = surface.net().weights().to_vec();
         weights[3 * 9 + 4] = 1e12;
-        let heavy = weighted(weights);
+        let heavy = weighted(weights, &surface);
         assert!((heavy.point(1.6, 2.4) - surface.net().points()[3 * 9 + 4]).norm() <= 1e-9);
     }
 

@@ -56,12 +56,15 @@ impl Surface {
         let [along_u, slope_u] = [0, 1].map(|order| table(&self.u, us, order));
         let slope_v = table(&self.v, vs, 1);
         let (lines, slopes) = (self.lines(&table(&self.v, vs, 0)), self.lines(&slope_v));
-        let noise = |basis: &Basis| {
-            let noise = NOISE * steepness(basis);
-            noise * noise
-        };
-        let [noise_u, noise_v] =
-            [&slope_u, &slope_v].map(|slopes| Vec::from_iter(slopes.iter().map(noise)));
+        let [noise_u, noise_v] = [&slope_u, &slope_v].map(|slopes| {
+            slopes
+                .iter()
+                .map(|basis| {
+                    let noise = NOISE * steepness(basis);
+                    noise * noise
+                })
+                .collect::<Vec<_>>()
+        });
         let points_of = points.par_chunks_mut(STRIP * vs.len());
         let normals_of = normals.par_chunks_mut(STRIP * vs.len());
         points_of.zip(normals_of).enumerate().for_each(|(strip, (points, normals))| {
@@ -134,9 +137,12 @@ impl Surface {
         for (k, normal) in normals.iter_mut().enumerate() {
             *normal = Vector3::new(ux[k], uy[k], uz[k]);
         }
-        let good = |k: usize| (SAFE.start <= sine[k]) & (sine[k] < SAFE.end) & is_positive(w[k]);
-        if !(0..normals.len()).fold(true, |all, k| all & good(k)) {
-            for (k, normal) in normals.iter_mut().enumerate().filter(|(k, _)| !good(*k)) {
+        #[inline(always)]
+        fn good(k: usize, sine: &[f64; 128], w: &[f64; 128]) -> bool {
+            (SAFE.start <= sine[k]) & (sine[k] < SAFE.end) & is_positive(w[k])
+        }
+        if !(0..normals.len()).fold(true, |all, k| all & good(k, &sine, w)) {
+            for (k, normal) in normals.iter_mut().enumerate().filter(|(k, _)| !good(*k, &sine, w)) {
                 *normal =
                     self.normal(u, vs[k]).map_or(Vector3::zeros(), nalgebra::Unit::into_inner);
             }

@@ -23,11 +23,15 @@ impl Surface {
     /// # Errors
     /// If that is more than a mesh can hold, or a point is not finite because the net's numbers are too large.
     pub fn tessellate(&self, u: usize, v: usize) -> Result<Mesh, MeshError> {
-        let corners = |u: usize, v: usize| u.saturating_mul(v).saturating_mul(4);
-        let check = |count| match count < u32::MAX as usize {
-            true => Ok(()),
-            false => Err(MeshError::TooLarge { what: "corners", count }),
-        };
+        fn corners(u: usize, v: usize) -> usize {
+            u.saturating_mul(v).saturating_mul(4)
+        }
+        fn check(count: usize) -> Result<(), MeshError> {
+            match count < u32::MAX as usize {
+                true => Ok(()),
+                false => Err(MeshError::TooLarge { what: "corners", count }),
+            }
+        }
         check(corners(u.max(1), v.max(1)))?;
         let us = if u == 0 { self.chosen(Along::U) } else { even(&self.u, u) };
         let vs = if v == 0 { self.chosen(Along::V) } else { even(&self.v, v) };
@@ -86,8 +90,9 @@ impl Surface {
 /// Parameters at the ends of `count` equal parts of the domain.
 fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
-    let at = |k| if k == count { end } else { start + (end - start) * (k as f64 / count as f64) };
-    (0..=count).map(at).collect()
+    (0..=count)
+        .map(|k| if k == count { end } else { start + (end - start) * (k as f64 / count as f64) })
+        .collect()
 }
 
 /// Parameters at the ends of `pieces` equal parts of each span that is not empty.
@@ -96,8 +101,7 @@ pub(super) fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     let mut at = vec![start];
     for span in domain.windows(2).filter(|span| span[0] < span[1]) {
-        let inside = |k| span[0] + (span[1] - span[0]) * (k as f64 / pieces as f64);
-        at.extend((1..pieces).map(inside));
+        at.extend((1..pieces).map(|k| span[0] + (span[1] - span[0]) * (k as f64 / pieces as f64)));
         at.push(span[1].min(end));
     }
     at
@@ -140,11 +144,17 @@ mod tests {
 
     /// A capture's net: rows run down (y), columns to the right (x), bulging towards the sensor (-z).
     fn bulge() -> Surface {
-        let point = |k: usize| {
-            let (y, x) = ((k / 6) as f64 - 2.5, (k % 6) as f64 - 2.5);
-            Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
-        };
-        let net = ControlNet::new(6, 6, (0..36).map(point).collect::<Vec<_>>()).unwrap();
+        let net = ControlNet::new(
+            6,
+            6,
+            (0..36)
+                .map(|k: usize| {
+                    let (y, x) = ((k / 6) as f64 - 2.5, (k % 6) as f64 - 2.5);
+                    Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
+                })
+                .collect::<Vec<_>>(),
+        )
+        .unwrap();
         let knots = KnotVector::uniform(6, 3).unwrap();
         Surface::new(net, knots.clone(), knots).unwrap()
     }
@@ -183,14 +193,16 @@ mod tests {
         assert_eq!(n * n, mesh.positions().len());
         let us = even(surface.u(), 2 * (n - 1));
         let fine = surface.grid(&us, &us);
-        let at = |row: usize, column: usize| fine[row * us.len() + column];
+        fn at(row: usize, column: usize, fine: &[Point3<f64>], us: &[f64]) -> Point3<f64> {
+            fine[row * us.len() + column]
+        }
         let mut highest = 0.0f64;
         for row in (1..us.len()).step_by(2) {
             for column in 0..us.len() {
                 highest = highest.max(distance(
-                    at(row, column),
-                    at(row - 1, column),
-                    at(row + 1, column),
+                    at(row, column, &fine, &us),
+                    at(row - 1, column, &fine, &us),
+                    at(row + 1, column, &fine, &us),
                 ));
             }
         }
@@ -202,11 +214,11 @@ mod tests {
     fn a_flat_surface_needs_one_quad_per_span() {
         let net = (0..16).map(|k| Point3::new((k % 4) as f64, (k / 4) as f64, 0.0));
         let net = ControlNet::new(4, 4, net.collect::<Vec<_>>()).unwrap();
-        let flat = |order| {
+        fn flat(order: usize, net: &ControlNet) -> Mesh {
             let knots = KnotVector::uniform(4, order).unwrap();
             Surface::new(net.clone(), knots.clone(), knots).unwrap().tessellate(0, 0).unwrap()
-        };
-        assert_eq!([2, 3, 4].map(|order| flat(order).faces().len()), [9, 4, 1]);
+        }
+        assert_eq!([2, 3, 4].map(|order| flat(order, &net).faces().len()), [9, 4, 1]);
     }
 
     #[test]

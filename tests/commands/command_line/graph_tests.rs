@@ -8,7 +8,9 @@ use super::{names, stderr, stdout};
 /// A folder with the subdivided doll, its test, and nothing blessed yet.
 pub(super) fn tested_graph() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
     write(
         "net.ron",
         r#"Graph(
@@ -20,8 +22,13 @@ pub(super) fn tested_graph() -> tempfile::TempDir {
             },
             outputs: { "mesh.ply": "mesh" },
         )"#,
+        &folder,
     );
-    write("net.test.ron", "Test(graph: \"net.ron\", compare: {\"mesh.ply\": Mesh(max: 0.01)})");
+    write(
+        "net.test.ron",
+        "Test(graph: \"net.ron\", compare: {\"mesh.ply\": Mesh(max: 0.01)})",
+        &folder,
+    );
     folder
 }
 
@@ -39,28 +46,30 @@ fn test_in(folder: &Path, arguments: &[&str]) -> Output {
 #[test]
 fn a_graph_is_tested_blessed_and_tested_again() {
     let folder = tested_graph();
-    let test = |arguments: &[&str]| test_in(folder.path(), arguments);
-    let first = test(&[]);
+    fn test(arguments: &[&str], folder: &tempfile::TempDir) -> Output {
+        test_in(folder.path(), arguments)
+    }
+    let first = test(&[], &folder);
     assert_eq!(first.status.code(), Some(1));
     assert!(stdout(&first).contains("mesh: there is no golden"), "{}", stdout(&first));
     assert!(!folder.path().join("goldens").exists(), "a test never makes a golden");
-    assert!(test(&["--bless"]).status.success());
+    assert!(test(&["--bless"], &folder).status.success());
     assert_eq!(
         names(&folder.path().join("goldens/net/default")),
         ["mesh.bin", "mesh.txt", "nodes.txt"]
     );
-    let second = test(&["--cold"]);
+    let second = test(&["--cold"], &folder);
     assert!(second.status.success(), "{}{}", stdout(&second), stderr(&second));
     assert!(stdout(&second).contains("identical; 3 of 3 nodes computed"), "{}", stdout(&second));
 
     let graph = folder.path().join("net.ron");
     let text = std::fs::read_to_string(&graph).unwrap();
     std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.01)")).unwrap();
-    let near = test(&[]);
+    let near = test(&[], &folder);
     assert!(near.status.success(), "{}", stdout(&near));
     assert!(stdout(&near).contains("within tolerance"), "{}", stdout(&near));
     std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.5)")).unwrap();
-    let far = test(&["--report", "report.html", "--junit", "junit.xml"]);
+    let far = test(&["--report", "report.html", "--junit", "junit.xml"], &folder);
     assert_eq!(far.status.code(), Some(1));
     assert!(stdout(&far).contains("mm, allowed is 0.01 mm; worst at"), "{}", stdout(&far));
     assert!(
@@ -73,13 +82,13 @@ fn a_graph_is_tested_blessed_and_tested_again() {
     assert!(!report.contains("http"), "the page needs nothing else");
     let junit = std::fs::read_to_string(folder.path().join("junit.xml")).unwrap();
     assert!(junit.contains("tests=\"1\" failures=\"1\" errors=\"0\""), "{junit}");
-    let blessed = test(&["--bless"]);
+    let blessed = test(&["--bless"], &folder);
     assert!(
         stdout(&blessed).contains("because node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
         "{}",
         stdout(&blessed)
     );
-    assert!(test(&[]).status.success());
+    assert!(test(&[], &folder).status.success());
 }
 
 #[test]

@@ -30,18 +30,19 @@ fn check_logs(project: &Project, engine: &str) {
     let lists = fs::read_dir(lists).unwrap().map(|entry| entry.unwrap().path());
     let logs = lists.filter(|path| path.is_dir()).collect::<Vec<_>>();
     let [logs] = &logs[..] else { panic!("{engine}: {logs:?}") };
-    let log = |name: &str| {
+    fn log(name: &str, logs: &PathBuf, engine: &str) -> String {
         let files = fs::read_dir(logs).unwrap().map(|file| file.unwrap().path());
-        let is_it = |path: &PathBuf| {
-            let file = path.file_name().unwrap().to_string_lossy();
-            file.starts_with(name) && file.ends_with(".log")
-        };
-        let path = Vec::from_iter(files.filter(is_it));
+        let path: Vec<_> = files
+            .filter(|path| {
+                let file = path.file_name().unwrap().to_string_lossy();
+                file.starts_with(name) && file.ends_with(".log")
+            })
+            .collect();
         let [path] = &path[..] else { panic!("{engine}: no log of {name}") };
         fs::read_to_string(path).unwrap()
-    };
+    }
     for name in ["b", "e"] {
-        let text = log(name);
+        let text = log(name, logs, engine);
         assert!(text.starts_with(&format!("task {name}, process ")), "{engine}: {text}");
         assert!(text.contains("a.ply"), "{engine}: {text}");
         // What others have computed is not computed again, and what is done not run again.
@@ -51,7 +52,7 @@ fn check_logs(project: &Project, engine: &str) {
         assert!(is_done, "{engine}: {text}");
     }
     // Its name has signs that not every file system takes.
-    let text = log("c");
+    let text = log("c", logs, engine);
     assert!(text.contains("error: ") && text.contains("doll.ron:5:"), "{engine}: {text}");
     assert!(text.lines().last().unwrap().starts_with("failed after "), "{engine}: {text}");
     assert!(project.folder().join("out/s.sweep/index.html").is_file(), "{engine}: no page");
@@ -224,18 +225,20 @@ fn a_task_that_takes_too_long_is_stopped_and_tried_again() {
 )
 "#,
     );
-    let batch = |more: &[&str]| {
+    fn batch(more: &[&str], project: &Project) -> (Option<i32>, String, String) {
         let words = ["batch", "doll.ron", "--sweep", "levels=1,8", "--json", "--no-cache"];
         let output = project.maquette(&[&words, more].concat());
         let told: Json = serde_json::from_slice(&output.stdout).unwrap();
-        let state = |index: usize| told["tasks"][index]["state"].as_str().unwrap().to_owned();
+        fn state(index: usize, told: &Json) -> String {
+            told["tasks"][index]["state"].as_str().unwrap().to_owned()
+        }
         let why = told["tasks"][1]["problems"][0]["message"].clone();
-        (output.status.code(), state(1), why.as_str().unwrap_or_default().to_owned())
-    };
-    let late = batch(&["--time-limit", "0.001s"]);
+        (output.status.code(), state(1, &told), why.as_str().unwrap_or_default().to_owned())
+    }
+    let late = batch(&["--time-limit", "0.001s"], &project);
     let why = "the task took longer than 0.001s, its limit".to_owned();
     assert_eq!(late, (Some(1), "failed".into(), why));
-    assert_eq!(batch(&["--time-limit", "1h"]), (Some(0), "done".into(), String::new()));
+    assert_eq!(batch(&["--time-limit", "1h"], &project), (Some(0), "done".into(), String::new()));
 }
 
 #[test]

@@ -27,7 +27,7 @@ fn errors(output: &Output) -> Vec<String> {
     let text = String::from_utf8(output.stderr.clone()).unwrap();
     let lines = text.lines().map(str::trim_start);
     let told = lines.filter(|line| line.starts_with("error[") || line.starts_with("--> "));
-    let told = Vec::from_iter(told.map(str::to_owned));
+    let told: Vec<_> = told.map(str::to_owned).collect();
     // Some commands name what they find in the folder as `./name`.
     told.chunks(2).map(|lines| lines.join(" ").replace("./", "")).collect()
 }
@@ -44,9 +44,9 @@ fn both(project: &Project, file: &str) -> Vec<String> {
 
 #[test]
 fn two_files_with_a_case_of_one_name_would_share_its_goldens() {
-    let named = |value| {
+    fn named(value: i32) -> String {
         format!("Test(graph: \"doll.ron\", cases: {{ \"x\": (set: {{ \"far\": {value} }}) }})")
-    };
+    }
     let project = project(&[("one.test.ron", &named(1)), ("two.test.ron", &named(2))]);
     let told = both(&project, ".");
     assert!(told[0].starts_with("error[G006]: case `x` of"), "{told:?}");
@@ -199,48 +199,48 @@ fn a_test_file_with_two_mistakes_is_one_that_failed() {
 #[test]
 fn a_node_that_is_renamed_keeps_its_golden() {
     let project = project(&[("doll.test.ron", "Test(graph: \"doll.ron\")")]);
-    let test = |more: &[&str]| {
+    fn test(more: &[&str], project: &Project) -> (Option<i32>, String) {
         let arguments = [&["test", "doll.test.ron"], more].concat();
         let output = project.command(&arguments).env_remove("CI").output().unwrap();
         (output.status.code(), String::from_utf8(output.stdout).unwrap())
-    };
-    assert_eq!(test(&["--bless"]).0, Some(0));
+    }
+    assert_eq!(test(&["--bless"], &project).0, Some(0));
     let golden = project.folder().join("goldens/doll/default/flat.txt");
     let before = std::fs::read_to_string(&golden).unwrap();
     assert!(project.maquette(&["edit", "doll.ron", "rename", "flat", "smooth"]).status.success());
-    let (code, told) = test(&[]);
+    let (code, told) = test(&[], &project);
     assert!(code == Some(0) && told.starts_with("passed"), "{told}");
     // What is accepted later goes to the same file.
     assert!(project.maquette(&["set", "doll.ron", "far=2"]).status.success());
-    let (code, told) = test(&[]);
+    let (code, told) = test(&[], &project);
     assert!(code == Some(1) && told.contains("flat: `point` differs"), "{told}");
-    assert_eq!(test(&["--bless"]).0, Some(0));
+    assert_eq!(test(&["--bless"], &project).0, Some(0));
     assert_ne!(std::fs::read_to_string(&golden).unwrap(), before);
     assert!(!golden.with_file_name("smooth.txt").exists());
-    assert_eq!(test(&[]).0, Some(0));
+    assert_eq!(test(&[], &project).0, Some(0));
 }
 
 #[test]
 fn a_node_that_is_renamed_takes_its_warning_along() {
     let project = project(&[("doll.test.ron", "Test(graph: \"doll.ron\")")]);
-    let graph = |nodes: &str| {
+    fn graph(nodes: &str) -> String {
         format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"all.ply\": \"all\" }})")
-    };
+    }
     project.save(&graph("\"none\": Merge(meshes: []), \"all\": Merge(meshes: [\"none\"])"));
-    let test = |more: &[&str]| {
+    fn test(more: &[&str], project: &Project) -> (Option<i32>, String) {
         let arguments = [&["test", "doll.test.ron"], more].concat();
         let output = project.command(&arguments).env_remove("CI").output().unwrap();
         (output.status.code(), String::from_utf8(output.stdout).unwrap())
-    };
-    assert_eq!(test(&["--bless"]).0, Some(0));
+    }
+    assert_eq!(test(&["--bless"], &project).0, Some(0));
     assert!(project.maquette(&["edit", "doll.ron", "rename", "none", "empty"]).status.success());
-    let (code, told) = test(&[]);
+    let (code, told) = test(&[], &project);
     assert!(code == Some(0) && told.starts_with("passed"), "{told}");
     // A second one is new, whatever it is called.
     project.save(&graph(
         "\"empty\": Merge(meshes: []), \"more\": Merge(meshes: []), \"all\": Merge(meshes: [\"empty\", \"more\"])",
     ));
-    let (code, told) = test(&[]);
+    let (code, told) = test(&[], &project);
     assert!(code == Some(1) && told.contains("a new warning `more`"), "{told}");
     assert!(!told.contains("no longer"), "{told}");
 }

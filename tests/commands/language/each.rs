@@ -146,13 +146,13 @@ fn data_that_fail_have_no_elements_of_a_run_before() {
     std::fs::write(&file, triangle.repeat(3)).unwrap();
     assert!(said(&project, &["run", "doll.ron"]).contains("moved/3"));
     std::fs::write(&file, "").unwrap();
-    let failed = |more: &[&str]| {
+    fn failed(more: &[&str], project: &Project) -> Vec<String> {
         let output = project.maquette(&[&["run", "doll.ron"], more].concat());
         assert_eq!(output.status.code(), Some(1), "{output:?}");
         let told = String::from_utf8(output.stdout).unwrap();
-        Vec::from_iter(told.lines().filter(|it| it.contains("Transform")).map(str::to_owned))
-    };
-    let fresh = failed(&["--no-cache"]);
+        told.lines().filter(|it| it.contains("Transform")).map(str::to_owned).collect::<Vec<_>>()
+    }
+    let fresh = failed(&["--no-cache"], &project);
     assert_eq!(fresh.len(), 1, "{fresh:?}");
-    assert_eq!(failed(&[]), fresh);
+    assert_eq!(failed(&[], &project), fresh);
 }

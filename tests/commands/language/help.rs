@@ -38,11 +38,11 @@ fn commands_are_explained_as_before() {
 
 #[test]
 fn an_unknown_topic_gets_a_guess() {
-    let unknown = |word: &str| {
+    fn unknown(word: &str) -> String {
         let (text, is_known) = told(&["help", word]);
         assert!(!is_known, "{text}");
         text
-    };
+    }
     let message = "error: there is no topic or command";
     assert_eq!(unknown("parms"), format!("{message} `parms`; did you mean `params`?\n"));
     assert_eq!(
@@ -93,11 +93,11 @@ fn what_files_keep_is_told_for_each_format_of_the_program() {
     let (text, is_known) = told(&["help", "formats"]);
     assert!(is_known, "{text}");
     // For each table its formats, and for each kind of data as many words.
-    let tables = Vec::from_iter(text.split("\n| ").skip(1).filter(|line| line.starts_with(' ')));
+    let tables: Vec<_> = text.split("\n| ").skip(1).filter(|line| line.starts_with(' ')).collect();
     assert_eq!(tables.len(), 4, "{text}");
     assert!(tables[0].contains("| ply") && tables[0].contains("| 3mf"), "{text}");
     assert!(tables[1].contains("| gltf") && tables[3].contains("| e57"), "{text}");
-    let lines = Vec::from_iter(text.lines().filter(|line| line.starts_with("| ")));
+    let lines: Vec<_> = text.lines().filter(|line| line.starts_with("| ")).collect();
     assert_eq!(lines.len(), 4 * 17, "{text}");
     for table in lines.chunks(17) {
         let width = table[0].matches('|').count();

@@ -84,7 +84,9 @@ fn git_keeps_a_real_conflict_with_its_marks() {
     let theirs = BASE.replace("(1.0, 1.0, 1.0)", "(3.0, 3.0, 3.0)");
     let (text, is_content) = merged(&ours, &theirs);
     assert!(!is_content);
-    let line = |scale| format!("        \"big\": Transform(mesh: \"ball\", scale: {scale}),\n");
+    fn line(scale: &str) -> String {
+        format!("        \"big\": Transform(mesh: \"ball\", scale: {scale}),\n")
+    }
     let marked = format!(
         "<<<<<<< ours\n{}=======\n{}>>>>>>> theirs\n",
         line("(2.0, 2.0, 2.0)"),
@@ -96,9 +98,11 @@ fn git_keeps_a_real_conflict_with_its_marks() {
 #[test]
 fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went() {
     let project = Project::new(BASE);
-    let put = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
-    put("ours.ron", &BASE.replace("default: 1.0", "default: 2.0"));
-    put("theirs.ron", &BASE.replace("max: 9.0", "max: 20.0"));
+    fn put(name: &str, text: &str, project: &Project) {
+        std::fs::write(project.folder().join(name), text).unwrap()
+    }
+    put("ours.ron", &BASE.replace("default: 1.0", "default: 2.0"), &project);
+    put("theirs.ron", &BASE.replace("max: 9.0", "max: 20.0"), &project);
     let both = BASE.replace("default: 1.0", "default: 2.0").replace("max: 9.0", "max: 20.0");
     let words = ["merge", "doll.ron", "ours.ron", "theirs.ron"];
     let printed = project.maquette(&[&words[..], &["--print"]].concat());
@@ -106,12 +110,12 @@ fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went
     let written = project.maquette(&words);
     assert_eq!(written.status.code(), Some(0), "{written:?}");
     assert_eq!(std::fs::read_to_string(project.folder().join("ours.ron")).unwrap(), both);
-    put("theirs.ron", &BASE.replace("default: 1.0", "default: 3.0"));
+    put("theirs.ron", &BASE.replace("default: 1.0", "default: 3.0"), &project);
     let conflict = project.maquette(&words);
     assert_eq!(conflict.status.code(), Some(1));
     let told = String::from_utf8(conflict.stderr).unwrap();
     assert_eq!(told, "ours.ron: both changed params.size.default, differently\n");
-    put("theirs.ron", "Graph(");
+    put("theirs.ron", "Graph(", &project);
     let broken = project.maquette(&words);
     assert_eq!(broken.status.code(), Some(1));
     let told = String::from_utf8(broken.stderr).unwrap();
@@ -129,15 +133,15 @@ fn git_keeps_both_sides_where_what_they_say_cannot_be_merged() {
     assert!(!is_content && text.contains("default: 2.0") && text.contains("scale: (3.0"), "{text}");
 
     let project = repository();
-    let add = |text: &str| {
+    fn add(text: &str, project: &Project) {
         std::fs::write(project.folder().join("new.ron"), text).unwrap();
-        git(&project, &["add", "-A"]);
+        git(project, &["add", "-A"]);
         assert!(git(&project, &["commit", "-q", "-m", "x"]).status.success());
-    };
+    }
     git(&project, &["checkout", "-q", "-b", "theirs"]);
-    add(&BASE.replace("A ball", "Their ball"));
+    add(&BASE.replace("A ball", "Their ball"), &project);
     git(&project, &["checkout", "-q", "main"]);
-    add(&BASE.replace("A ball", "Our ball"));
+    add(&BASE.replace("A ball", "Our ball"), &project);
     let done = git(&project, &["merge", "--no-edit", "theirs"]);
     let told = format!("{done:?}");
     assert!(!done.status.success() && told.contains("CONFLICT (add/add)"), "{told}");

@@ -24,23 +24,25 @@ fn what_lies_beside_graphs_is_passed_over_where_several_files_are_named() {
     for (name, text) in &BESIDE {
         std::fs::write(project.folder().join(name), text).unwrap();
     }
-    let said = |words: &[&str]| {
+    fn said(words: &[&str], project: &Project) -> String {
         let done = project.maquette(words);
         let told = String::from_utf8_lossy(&done.stderr).into_owned();
         assert!(done.status.success() && told.is_empty(), "{words:?}: {told}");
         String::from_utf8(done.stdout).unwrap()
-    };
-    assert_eq!(said(&with_all(&["check"])), "checked 1 graph, 1 test: 0 errors\n");
-    assert_eq!(said(&["check", "."]), "checked 1 graph, 1 test: 0 errors\n");
+    }
+    assert_eq!(said(&with_all(&["check"]), &project), "checked 1 graph, 1 test: 0 errors\n");
+    assert_eq!(said(&["check", "."], &project), "checked 1 graph, 1 test: 0 errors\n");
     assert_eq!(
-        said(&with_all(&["sheet", "--size", "30x20"])),
+        said(&with_all(&["sheet", "--size", "30x20"]), &project),
         "./doll.png\n  row 1: the defaults\n"
     );
-    assert_eq!(said(&with_all(&["migrate"])), "0 files to be migrated\n");
-    let kept = || BESIDE.map(|(name, _)| std::fs::read(project.folder().join(name)).unwrap());
-    let before = kept();
-    said(&with_all(&["fmt"]));
-    assert_eq!(kept()[1..], before[1..], "fmt wrote what programs keep");
+    assert_eq!(said(&with_all(&["migrate"]), &project), "0 files to be migrated\n");
+    fn kept(project: &Project) -> [Vec<u8>; 4] {
+        BESIDE.map(|(name, _)| std::fs::read(project.folder().join(name)).unwrap())
+    }
+    let before = kept(&project);
+    said(&with_all(&["fmt"]), &project);
+    assert_eq!(kept(&project)[1..], before[1..], "fmt wrote what programs keep");
 }
 
 #[test]

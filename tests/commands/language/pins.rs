@@ -190,13 +190,19 @@ fn another_file_makes_a_pin_stale_and_a_draft_does_not() {
 #[test]
 fn a_file_that_a_file_names_makes_a_pin_stale_too() {
     let project = project();
-    let write = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
-    write("a.obj", "mtllib a.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n");
-    write("a.mtl", "newmtl a\nmap_Kd doll/color.png\n");
+    fn write(name: &str, text: &str, project: &Project) {
+        std::fs::write(project.folder().join(name), text).unwrap()
+    }
+    write(
+        "a.obj",
+        "mtllib a.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n",
+        &project,
+    );
+    write("a.mtl", "newmtl a\nmap_Kd doll/color.png\n", &project);
     project.save(r#"Graph(format: 1, nodes: { "a": ReadMesh(path: "a.obj"), "b": Transform(mesh: "a") }, outputs: { "b.glb": "b" })"#);
     ok(&project, &["pin", "doll.ron", "b"]);
     assert!(!ok(&project, &["check", "doll.ron"]).contains("is pinned before"));
-    write("a.mtl", "newmtl a\nKd 1 0 0\n");
+    write("a.mtl", "newmtl a\nKd 1 0 0\n", &project);
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`b` is pinned before file a.obj changed"), "{told}");
 }
@@ -338,17 +344,17 @@ fn chain(times: [u32; 3]) -> String {
 #[test]
 fn any_sequence_of_pins_and_edits_is_as_said() {
     let project = project();
-    let area = || {
+    fn area(project: &Project) -> f64 {
         let told = project.maquette(&["inspect", "doll.ron", "c", "--json"]);
         let told: Json = serde_json::from_slice(&told.stdout).unwrap();
         told["outputs"][0]["facts"]["area"].as_f64().unwrap()
-    };
+    }
     let mut random = Random(20_261_125);
     let mut times = [1, 1, 1];
     // How many times each is as large up to the node, as it was then.
     let mut pinned: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
     project.save(&chain(times));
-    let start = area();
+    let start = area(&project);
     for turn in 0..60 {
         let node = random.below(3);
         match random.below(6) {
@@ -368,7 +374,7 @@ fn any_sequence_of_pins_and_edits_is_as_said() {
         let expected = times.iter().enumerate().fold(1, |so_far, (node, times)| {
             pinned.get(&node).map_or(so_far * times, |kept| kept.iter().product())
         });
-        let (found, expected) = ((area() / start).sqrt(), f64::from(expected));
+        let (found, expected) = ((area(&project) / start).sqrt(), f64::from(expected));
         assert!((found - expected).abs() < 1e-6 * expected, "turn {turn}: {found}, {expected}");
         let said = ok(&project, &["check", "doll.ron"]);
         for (node, name) in CHAIN.iter().enumerate() {

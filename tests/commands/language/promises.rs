@@ -14,13 +14,15 @@ fn red(picture: &Image) -> usize {
 #[test]
 fn inspect_lists_and_marks_the_elements() {
     let project = Project::with_a_hole();
-    let picture = || png::read(&std::fs::read(project.folder().join("open.png")).unwrap()).unwrap();
+    fn picture(project: &Project) -> Image {
+        png::read(&std::fs::read(project.folder().join("open.png")).unwrap()).unwrap()
+    }
     let done = project.maquette(&["inspect", "doll.ron", "open", "--out", "open.png"]);
     let text = String::from_utf8(done.stdout).unwrap();
     let expected = "  is not Closed, which is asked by input `skin` of `whole`: it has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; \
                     the first is at (0, 0.5, 0))\n    edge 0-2  (0, 0.5, 0)\n    edge 0-3  (0, 0, 0.5)\n    edge 2-3  (0, 0.5, 0.5)\n";
     assert!(text.ends_with(expected), "{text}");
-    assert!(1000 < red(&picture()), "{}", red(&picture()));
+    assert!(1000 < red(&picture(&project)), "{}", red(&picture(&project)));
     let json = project.maquette(&["inspect", "doll.ron", "open", "--json"]).stdout;
     let json: Json = serde_json::from_slice(&json).unwrap();
     let broken = &json["outputs"][0]["broken"][0];
@@ -35,7 +37,7 @@ fn inspect_lists_and_marks_the_elements() {
         &std::fs::read_to_string(project.graph()).unwrap().replace("Lib(skin", "Transform(mesh"),
     );
     project.maquette(&["inspect", "doll.ron", "open", "--view", "0,0", "--out", "open.png"]);
-    assert_eq!(red(&picture()), 0);
+    assert_eq!(red(&picture(&project)), 0);
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn faces_are_chosen_sorted_and_summed_up() {
     let (text, is_known) = told(&project, "mesh.mesh", &[&asked[..], &["index,area,x"]].concat());
     assert!(is_known, "{text}");
     let lines =
-        Vec::from_iter(text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>()));
+        text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>()).collect::<Vec<_>>();
     assert_eq!(
         lines[1..4],
         [vec!["index", "area", "x"], vec!["1", "8", "11.3333"], vec!["0", "2", "0.666667"]]
@@ -97,25 +97,29 @@ fn any_value_has_rows() {
 #[test]
 fn unknown_names_get_guesses() {
     let project = project();
-    let wrong = |more: &[&str]| {
-        let (text, is_known) = told(&project, "mesh", more);
+    fn wrong(more: &[&str], project: &Project) -> String {
+        let (text, is_known) = told(project, "mesh", more);
         assert!(!is_known, "{text}");
         text
-    };
-    assert_eq!(wrong(&["--table", "fcaes"]), "error: it has no fcaes; did you mean `faces`?\n");
+    }
     assert_eq!(
-        wrong(&["--table", "pixels"]),
+        wrong(&["--table", "fcaes"], &project),
+        "error: it has no fcaes; did you mean `faces`?\n"
+    );
+    assert_eq!(
+        wrong(&["--table", "pixels"], &project),
         "error: it has no pixels; there are: vertices, faces, edges, corners\n"
     );
     let none = "error: there is no column `aera` of faces; did you mean `area`?\n";
-    assert_eq!(wrong(&["--table", "faces", "--sort", "-aera"]), none);
-    assert_eq!(wrong(&["--table", "faces", "--columns", "aera"]), none);
-    assert_eq!(wrong(&["--table", "faces", "--where", "aera > 1"]), none);
+    assert_eq!(wrong(&["--table", "faces", "--sort", "-aera"], &project), none);
+    assert_eq!(wrong(&["--table", "faces", "--columns", "aera"], &project), none);
+    assert_eq!(wrong(&["--table", "faces", "--where", "aera > 1"], &project), none);
     assert_eq!(
-        wrong(&["--table", "faces", "--where", "area"]),
+        wrong(&["--table", "faces", "--where", "area"], &project),
         "error: `area` is a number, not a condition\n"
     );
     assert!(
-        wrong(&["--table", "--sort", "area"]).contains("say of which elements: --table vertices")
+        wrong(&["--table", "--sort", "area"], &project)
+            .contains("say of which elements: --table vertices")
     );
 }

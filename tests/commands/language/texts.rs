@@ -26,14 +26,17 @@ fn told(output: &Output) -> String {
 /// A graph with a test and its golden, a pin, a lock and a sweep.
 fn project() -> Project {
     let project = Project::new(GRAPH);
-    let write = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
-    write("a.obj", TETRAHEDRON);
-    write("part.ron", PART);
-    write("maquette.toml", "");
-    write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n");
+    fn write(name: &str, text: &str, project: &Project) {
+        std::fs::write(project.folder().join(name), text).unwrap()
+    }
+    write("a.obj", TETRAHEDRON, &project);
+    write("part.ron", PART, &project);
+    write("maquette.toml", "", &project);
+    write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n", &project);
     write(
         "doll.sweep.ron",
         "Sweep(\n    graph: \"doll.ron\",\n    over: Values(\"up.translate\", [(0, 0, 1)]),\n)\n",
+        &project,
     );
     for words in [
         &["pin", "doll.ron", "up"][..],
@@ -53,7 +56,6 @@ fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
     let golden = golden.filter(|path| path.extension().is_some_and(|ending| ending == "txt"));
     let golden =
         golden.map(|path| path.strip_prefix(project.folder()).unwrap().display().to_string());
-    let test = |name: String| (name, "test doll.test.ron");
     let mut all = vec![
         ("doll.ron".to_owned(), "check doll.ron"),
         ("doll.ron".to_owned(), "run doll.ron"),
@@ -66,8 +68,10 @@ fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
     ];
     all.push(("doll.lock.ron".to_owned(), "check doll.ron"));
     all.push(("part.ron".to_owned(), "check doll.ron"));
-    all.extend(golden.map(test));
-    let words = |words: &str| words.split(' ').map(str::to_owned).collect();
+    all.extend(golden.map(|name: String| (name, "test doll.test.ron")));
+    fn words(words: &str) -> Vec<String> {
+        words.split(' ').map(str::to_owned).collect()
+    }
     all.into_iter().map(|(file, command)| (file, words(command))).collect()
 }
 
@@ -78,7 +82,7 @@ fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
         let path = project.folder().join(&file);
         let good = std::fs::read(&path).unwrap();
         std::fs::write(&path, damage(&good)).unwrap();
-        let words = Vec::from_iter(words.iter().map(String::as_str));
+        let words: Vec<_> = words.iter().map(String::as_str).collect();
         let done = project.maquette(&words);
         let told = told(&done);
         // A lock that cannot be read is a warning.
@@ -94,25 +98,33 @@ fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
 
 #[test]
 fn marks_of_a_merge_are_one_message_in_every_file() {
-    let marked = |good: &[u8]| {
-        let text = String::from_utf8_lossy(good);
-        format!("<<<<<<< ours\n{text}=======\n{text}>>>>>>> theirs\n").into_bytes()
-    };
-    each(marked, "this file has the conflict marks of a merge");
+    each(
+        |good| {
+            let text = String::from_utf8_lossy(good);
+            format!("<<<<<<< ours\n{text}=======\n{text}>>>>>>> theirs\n").into_bytes()
+        },
+        "this file has the conflict marks of a merge",
+    );
 }
 
 #[test]
 fn what_is_no_utf_8_is_told_with_its_line() {
-    let latin = |good: &[u8]| [&good[..good.len() - 2], b"\xe4", &good[good.len() - 2..]].concat();
-    each(latin, "expected text in UTF-8, found the byte 0xE4");
-    let wide = |good: &[u8]| {
-        let units = String::from_utf8_lossy(good).encode_utf16().collect::<Vec<_>>();
-        let bytes = units.into_iter().flat_map(u16::to_le_bytes);
-        [0xff, 0xfe].into_iter().chain(bytes).collect()
-    };
-    each(wide, "line 1, column 1: expected text in UTF-8, found UTF-16");
-    let zero = |good: &[u8]| [&good[..good.len() - 2], b"\0", &good[good.len() - 2..]].concat();
-    each(zero, "found the byte 0");
+    each(
+        |good| [&good[..good.len() - 2], b"\xe4", &good[good.len() - 2..]].concat(),
+        "expected text in UTF-8, found the byte 0xE4",
+    );
+    each(
+        |good| {
+            let units = String::from_utf8_lossy(good).encode_utf16().collect::<Vec<_>>();
+            let bytes = units.into_iter().flat_map(u16::to_le_bytes);
+            [0xff, 0xfe].into_iter().chain(bytes).collect()
+        },
+        "line 1, column 1: expected text in UTF-8, found UTF-16",
+    );
+    each(
+        |good| [&good[..good.len() - 2], b"\0", &good[good.len() - 2..]].concat(),
+        "found the byte 0",
+    );
 }
 
 #[test]

@@ -28,7 +28,7 @@ fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
     let project = project();
     let run = project.maquette(&["run", "doll.ron", "--out", "out"]);
     assert_eq!(run.status.code(), Some(1), "{run:?}");
-    assert_eq!(Vec::from_iter(project.outputs().into_keys()), ["big.ply"]);
+    assert_eq!(project.outputs().into_keys().collect::<Vec<_>>(), ["big.ply"]);
     let told = String::from_utf8(run.stderr).unwrap();
     assert_eq!(told.matches("error").count(), 1, "{told}");
     assert!(told.contains("the pack `hair` 0.3, which this program does not have"), "{told}");
@@ -82,23 +82,23 @@ fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
 #[test]
 fn what_does_not_hang_on_it_is_pinned_and_locked() {
     let project = project();
-    let told = |words: &[&str]| {
+    fn told(words: &[&str], project: &Project) -> (String, Option<i32>) {
         let done = project.maquette(words);
         let text = String::from_utf8_lossy(&done.stdout) + String::from_utf8_lossy(&done.stderr);
         (text.into_owned(), done.status.code())
-    };
-    let (text, code) = told(&["pin", "doll.ron", "big"]);
+    }
+    let (text, code) = told(&["pin", "doll.ron", "big"], &project);
     assert!(code == Some(0) && text.contains("pinned big"), "{text}");
-    let (text, code) = told(&["pin", "doll.ron", "--list"]);
+    let (text, code) = told(&["pin", "doll.ron", "--list"], &project);
     assert!(code == Some(0) && text.contains("big  Mesh"), "{text}");
-    let (text, code) = told(&["pin", "doll.ron", "combed"]);
+    let (text, code) = told(&["pin", "doll.ron", "combed"], &project);
     assert!(code == Some(1) && text.contains("error[G003]"), "{text}");
     let library = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, nodes: { "up": Transform(mesh: "mesh") }, outputs: { "mesh": "up" })"#;
     std::fs::write(project.folder().join("up.ron"), library).unwrap();
     project.save(&GRAPH.replace("packs:", "use: { \"Up\": \"up.ron\" },\n    packs:"));
-    let (text, code) = told(&["lock", "doll.ron"]);
+    let (text, code) = told(&["lock", "doll.ron"], &project);
     assert!(code == Some(0) && text.contains("1 graph"), "{text}");
-    let (text, code) = told(&["extract", "doll.ron", "big", "--to", "big.ron"]);
+    let (text, code) = told(&["extract", "doll.ron", "big", "--to", "big.ron"], &project);
     assert!(code != Some(0) && text.contains("HairStrands"), "{text}");
 }
 
@@ -121,7 +121,7 @@ fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     let run = watch.run();
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert_eq!(run.done["ok"], false);
-    assert_eq!(Vec::from_iter(project.outputs().into_keys()), ["big.ply"]);
+    assert_eq!(project.outputs().into_keys().collect::<Vec<_>>(), ["big.ply"]);
     // The node gets a type that there is, and again one that there is not, with a change of the rest.
     let whole = GRAPH
         .replace("HairStrands(on: \"ball\")", "Transform(mesh: \"ball\", scale: (1.0, 2.0, 1.0))");

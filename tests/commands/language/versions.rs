@@ -56,8 +56,10 @@ fn a_lock_holds_graphs_to_what_they_were_until_an_update_takes_them() {
     let project = project();
     let lock = project.maquette(&["lock", "doll.ron"]);
     assert_eq!(told(&lock), "doll.lock.ron: 1 graph\n");
-    let text = || std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap();
-    let first = text();
+    fn text(project: &Project) -> String {
+        std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap()
+    }
+    let first = text(&project);
     let line = first.lines().find(|line| line.contains("lib/skirt.ron\":")).unwrap();
     assert!(
         line.starts_with("        \"lib/skirt.ron\": (version: \"1.0.0\", hash: \""),
@@ -72,7 +74,7 @@ fn a_lock_holds_graphs_to_what_they_were_until_an_update_takes_them() {
         let done = project.maquette(words);
         assert!(done.status.success(), "{words:?}: {}", told(&done));
     }
-    assert_eq!(text(), first);
+    assert_eq!(text(&project), first);
 
     save(&project, &SKIRT.replace("1.0.0", "1.1.0").replace("default: 1.0", "default: 2.0"));
     for words in [&["run", "doll.ron"][..], &["check", "doll.ron"]] {
@@ -91,7 +93,7 @@ fn a_lock_holds_graphs_to_what_they_were_until_an_update_takes_them() {
     let shown = "lib/skirt.ron: 1.0.0 -> 1.1.0\n    graph: changed version: \"1.0.0\" -> \"1.1.0\"\n    parameter step: changed default: 1 -> 2\n";
     let asked = project.maquette(&["update", "doll.ron"]);
     assert_eq!(told(&asked), format!("{shown}nothing was taken: --yes takes it\n"));
-    assert_eq!((asked.status.code(), text()), (Some(1), first));
+    assert_eq!((asked.status.code(), text(&project)), (Some(1), first));
     let taken = project.maquette(&["update", "doll.ron", "Skirt", "--yes"]);
     assert_eq!((taken.status.code(), told(&taken)), (Some(0), shown.to_owned()));
     assert!(project.maquette(&["run", "doll.ron", "--locked"]).status.success());
@@ -130,9 +132,11 @@ fn an_optional_input_need_not_be_given_and_is_told_of_with_the_version() {
     let node = &json["nodes"][0];
     assert_eq!((&node["version"], &node["inputs"][1]["optional"]), (&"1.0.0".into(), &true.into()));
     // What is written stays through the tools.
-    let text = || std::fs::read_to_string(project.folder().join("lib/skirt.ron")).unwrap();
+    fn text(project: &Project) -> String {
+        std::fs::read_to_string(project.folder().join("lib/skirt.ron")).unwrap()
+    }
     assert!(project.maquette(&["set", "lib/skirt.ron", "step=2"]).status.success());
-    assert_eq!(text(), SKIRT.replace("default: 1.0", "default: 2"));
+    assert_eq!(text(&project), SKIRT.replace("default: 1.0", "default: 2"));
     assert!(project.maquette(&["draw", "doll.ron"]).status.success());
     assert!(project.maquette(&["fmt", "--check", "doll.ron", "lib/skirt.ron"]).status.success());
 }
@@ -188,16 +192,18 @@ fn asked(project: &Project, words: &[&str], answer: &str) -> (String, bool) {
 fn on_a_terminal_what_changed_is_shown_and_taken_only_if_the_answer_is_yes() {
     let project = project();
     project.maquette(&["lock", "doll.ron"]);
-    let text = || std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap();
-    let first = text();
+    fn text(project: &Project) -> String {
+        std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap()
+    }
+    let first = text(&project);
     save(&project, &SKIRT.replace("1.0.0", "1.1.0"));
     for no in ["\n", "n\n", "yess\n", "\u{4}"] {
         let (said, taken) = asked(&project, &["update", "doll.ron"], no);
         assert!(said.contains("lib/skirt.ron: 1.0.0 -> 1.1.0\n"), "{said}");
         assert!(said.contains("nothing was taken"), "{said}");
-        assert!(!taken && text() == first, "{no:?}");
+        assert!(!taken && text(&project) == first, "{no:?}");
     }
     let (said, taken) = asked(&project, &["update", "doll.ron"], "y\n");
-    assert!(taken && text().contains("1.1.0"), "{said}");
+    assert!(taken && text(&project).contains("1.1.0"), "{said}");
     assert!(said.contains("take it? [y/N] y\n"), "{said}");
 }

@@ -14,11 +14,15 @@ fn fixes(editor: &mut Editor, place: &Place, text: &str) -> Vec<(String, String)
         json!({ "start": { "line": 0, "character": 0 }, "end": { "line": lines, "character": 0 } });
     let asked = json!({ "textDocument": { "uri": uri(&path) }, "range": range, "context": { "diagnostics": [], "only": ["quickfix"] } });
     let found = editor.ask("textDocument/codeAction", asked);
-    let fix = |it: &Json| {
-        let text = edited(text, &it["edit"]["changes"][uri(&path)]);
-        (it["title"].as_str().unwrap().to_owned(), text)
-    };
-    found.as_array().unwrap().iter().map(fix).collect()
+    found
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| {
+            let text = edited(text, &it["edit"]["changes"][uri(&path)]);
+            (it["title"].as_str().unwrap().to_owned(), text)
+        })
+        .collect()
 }
 
 fn graph(nodes: &str) -> String {
@@ -33,20 +37,22 @@ fn check(nodes: &str, titles: &[&str]) {
     let place = Place::new(&[]);
     let mut editor = place.editor();
     let found = fixes(&mut editor, &place, &graph(nodes));
-    assert_eq!(Vec::from_iter(found.iter().map(|(title, _)| &title[..])), titles, "{nodes}");
+    assert_eq!(found.iter().map(|(title, _)| &title[..]).collect::<Vec<_>>(), titles, "{nodes}");
     for (title, text) in found.iter().filter(|(title, _)| !title.contains("\"\"")) {
         place.write("x.ron", text);
         let told: Json = serde_json::from_str(&place.run(&["check", "x.ron", "--json"])).unwrap();
         // What is not used is a warning.
         let problems = told["problems"].as_array().unwrap().iter();
-        let errors = Vec::from_iter(problems.filter(|it| it["severity"] == "error"));
+        let errors: Vec<_> = problems.filter(|it| it["severity"] == "error").collect();
         assert!(errors.is_empty(), "{title}: {errors:?} in {text}");
     }
 }
 
 #[test]
 fn a_port_that_is_missing_is_added_with_each_link_that_fits() {
-    let ball = |name: &str| format!("\"{name}\": Primitive(shape: Sphere(radius: 1.0)),");
+    fn ball(name: &str) -> String {
+        format!("\"{name}\": Primitive(shape: Sphere(radius: 1.0)),")
+    }
     let (a, b) = (ball("a"), ball("b"));
     // One answer, then several, then none.
     check(&format!("{a} \"x\": Transform(scale: (2, 2, 2))"), &["Write `mesh: \"a\",`"]);
@@ -76,6 +82,6 @@ fn a_port_for_several_and_a_field_are_added_too() {
         &place,
         &graph(&format!("{balls} \"x\": Subdivide(mesh: \"a\", levels: 1)")),
     );
-    let titles = Vec::from_iter(found.iter().map(|(title, _)| &title[..]));
+    let titles: Vec<_> = found.iter().map(|(title, _)| &title[..]).collect();
     assert!(titles.contains(&"Write `scheme: Loop`"), "{titles:?}");
 }

@@ -15,7 +15,7 @@ fn completion_proposes_what_fits() {
     let check = |editor: &mut Editor, text: &str, wanted: &[&str], not: &[&str]| {
         editor.open(&path, text);
         let found = editor.proposed(&path, text, text);
-        let first = Vec::from_iter(found.iter().take(5).map(String::as_str));
+        let first: Vec<_> = found.iter().take(5).map(String::as_str).collect();
         for wanted in wanted {
             assert!(first.contains(wanted), "{wanted} in {found:?} behind {text}");
         }
@@ -115,10 +115,12 @@ fn functions_of_expressions_are_proposed_and_their_parentheses_written_once() {
         let mark = format!("{head}{before}");
         let found = editor.at("textDocument/completion", &path, &whole, &mark);
         let items = found["items"].as_array().unwrap().iter();
-        let word = |json: &serde_json::Value| json.as_str().unwrap().to_owned();
+        fn word(json: &serde_json::Value) -> String {
+            json.as_str().unwrap().to_owned()
+        }
         let of =
             |item: &serde_json::Value| (word(&item["label"]), word(&item["textEdit"]["newText"]));
-        Vec::from_iter(items.map(of))
+        items.map(of).collect::<Vec<_>>()
     };
     let functions = [
         "min", "max", "clamp", "abs", "floor", "round", "sqrt", "pow", "sin", "cos", "tan", "asin",
@@ -212,15 +214,17 @@ fn every_completion_changes_its_own_line_around_the_cursor_only() {
     let mut applied = 0;
     for text in BROKEN {
         editor.open(&path, text);
-        let lines = Vec::from_iter(
-            text.replace("\r\n", "\n").replace('\r', "\n").split('\n').map(str::to_owned),
-        );
+        let lines: Vec<_> =
+            text.replace("\r\n", "\n").replace('\r', "\n").split('\n').map(str::to_owned).collect();
         for (line, content) in lines.iter().enumerate() {
-            let mut columns = Vec::from_iter(content.chars().scan(0, |column, c| {
-                let at = *column;
-                *column += c.len_utf16();
-                Some(at)
-            }));
+            let mut columns: Vec<_> = content
+                .chars()
+                .scan(0, |column, c| {
+                    let at = *column;
+                    *column += c.len_utf16();
+                    Some(at)
+                })
+                .collect();
             columns.push(content.encode_utf16().count());
             for column in columns {
                 let position = json!({ "line": line, "character": column });
@@ -228,9 +232,13 @@ fn every_completion_changes_its_own_line_around_the_cursor_only() {
                 let found = editor.ask("textDocument/completion", asked);
                 for item in found["items"].as_array().into_iter().flatten() {
                     let range = &item["textEdit"]["range"];
-                    let number = |way: &str| range.pointer(way).unwrap().as_u64().unwrap() as usize;
-                    let is_of_line = number("/start/line") == line && number("/end/line") == line;
-                    let (start, end) = (number("/start/character"), number("/end/character"));
+                    fn number(way: &str, range: &serde_json::Value) -> usize {
+                        range.pointer(way).unwrap().as_u64().unwrap() as usize
+                    }
+                    let is_of_line =
+                        number("/start/line", range) == line && number("/end/line", range) == line;
+                    let (start, end) =
+                        (number("/start/character", range), number("/end/character", range));
                     assert!(
                         is_of_line && start <= column && column <= end,
                         "{item} at {position} of {text:?}"
@@ -253,16 +261,16 @@ fn a_node_comes_with_its_required_ports_and_is_found_by_other_words() {
     let place = face();
     let path = place.path("new.ron");
     let mut editor = place.editor();
-    let mut first = |typed: &str| {
+    fn first(typed: &str, editor: &mut Editor, path: &std::path::Path) -> serde_json::Value {
         let text = format!("Graph(nodes: {{ \"a\": {typed}");
-        editor.open(&path, &text);
-        let found = editor.at("textDocument/completion", &path, &text, &text);
+        editor.open(path, &text);
+        let found = editor.at("textDocument/completion", path, &text, &text);
         found["items"][0].clone()
-    };
-    let item = first("Decim");
+    }
+    let item = first("Decim", &mut editor, &path);
     assert_eq!((&item["label"], &item["filterText"]), (&"Simplify".into(), &"Decim".into()));
     assert_eq!(item["textEdit"]["newText"], "Simplify(mesh: \"$0\")");
-    let item = first("Merg");
+    let item = first("Merg", &mut editor, &path);
     assert_eq!(item["textEdit"]["newText"], "Merge(meshes: [$0])");
     assert_eq!(item.get("filterText"), None);
 }

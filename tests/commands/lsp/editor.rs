@@ -208,7 +208,7 @@ pub(crate) fn place(path: &Path, text: &str, mark: &str) -> Json {
 
 /// A text after the edits of a workspace edit or a list of edits for it.
 pub(crate) fn edited(text: &str, edits: &Json) -> String {
-    let byte = |position: &Json| {
+    fn byte(position: &Json, text: &str) -> usize {
         let (line, column) =
             (position["line"].as_u64().unwrap(), position["character"].as_u64().unwrap());
         let start = text.split_inclusive('\n').take(line as usize).map(str::len).sum::<usize>();
@@ -219,11 +219,20 @@ pub(crate) fn edited(text: &str, edits: &Json) -> String {
             is_there
         });
         rest.map_or(text.len(), |(at, _)| start + at)
-    };
-    let mut spans = Vec::from_iter(edits.as_array().unwrap().iter().map(|edit| {
-        let range = &edit["range"];
-        (byte(&range["start"]), byte(&range["end"]), edit["newText"].as_str().unwrap())
-    }));
+    }
+    let mut spans: Vec<_> = edits
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|edit| {
+            let range = &edit["range"];
+            (
+                byte(&range["start"], text),
+                byte(&range["end"], text),
+                edit["newText"].as_str().unwrap(),
+            )
+        })
+        .collect();
     spans.sort_unstable();
     let mut new = text.to_owned();
     for (start, end, with) in spans.into_iter().rev() {

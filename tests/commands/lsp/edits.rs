@@ -74,10 +74,12 @@ fn column(line: &str, units: u64) -> usize {
 /// The text after an edit that must stay on this line and contain this column.
 fn applied(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
     let range = &edit["range"];
-    let number = |path: &str| range.pointer(path).and_then(Json::as_u64).unwrap();
-    assert_eq!(number("/start/line"), line as u64, "the edit is on another line");
-    assert_eq!(number("/end/line"), line as u64, "the edit is not on one line");
-    let (start, end) = (number("/start/character"), number("/end/character"));
+    fn number(path: &str, range: &Json) -> u64 {
+        range.pointer(path).and_then(Json::as_u64).unwrap()
+    }
+    assert_eq!(number("/start/line", range), line as u64, "the edit is on another line");
+    assert_eq!(number("/end/line", range), line as u64, "the edit is not on one line");
+    let (start, end) = (number("/start/character", range), number("/end/character", range));
     assert!(start <= at && at <= end, "{start}..{end} does not contain {at}");
     let old = lines[line];
     let (start, end) = (column(old, start), column(old, end));
@@ -132,11 +134,12 @@ impl Drop for Told<'_> {
 }
 
 fn boundaries(text: &str) -> Vec<usize> {
-    let is_one = |at: &usize| {
-        text.is_char_boundary(*at)
-            && !(text[..*at].ends_with('\r') && text[*at..].starts_with('\n'))
-    };
-    (0..=text.len()).filter(is_one).collect()
+    (0..=text.len())
+        .filter(|at| {
+            text.is_char_boundary(*at)
+                && !(text[..*at].ends_with('\r') && text[*at..].starts_with('\n'))
+        })
+        .collect()
 }
 
 /// The byte of each of some letters.
@@ -234,10 +237,10 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
     let path = place.path("new.ron");
     let mut editor = place.editor();
     // What a proposal of this name makes of a text, at the mark.
-    let mut check = |text: &str, label: &str, expected: &str| {
+    fn check(text: &str, label: &str, expected: &str, editor: &mut Editor, path: &Path) {
         let at = text.find('|').unwrap();
         let text = text.replacen('|', "", 1);
-        editor.open(&path, &text);
+        editor.open(path, &text);
         let (line, start) =
             (text[..at].matches('\n').count(), text[..at].rfind('\n').map_or(0, |at| at + 1));
         let position = json!({ "line": line, "character": at - start });
@@ -246,12 +249,18 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
         let item = found["items"].as_array().unwrap().iter().find(|item| item["label"] == label);
         let item = item.unwrap_or_else(|| panic!("no `{label}` in {found}"));
         assert_eq!(applied(&lines(&text), &item["textEdit"], line, (at - start) as u64), expected);
-    };
+    }
     let head =
         "Graph(params: { \"g\": Number(default: 1.0) }, nodes: { \"b\": ReadMesh(path: \"x\"),\n";
     let rest = "\n \"t\": Subdivide(mesh: \"b\", levels: 1),\n}, outputs: { \"b.ply\": \"t\" })\n";
     let mut check = |line: &str, label: &str, expected: &str| {
-        check(&format!("{head}{line}{rest}"), label, &format!("{head}{expected}{rest}"));
+        check(
+            &format!("{head}{line}{rest}"),
+            label,
+            &format!("{head}{expected}{rest}"),
+            &mut editor,
+            &path,
+        );
     };
     check("\"s\": Subdivide(mesh: \"|", "b", "\"s\": Subdivide(mesh: \"b");
     check("\"s\": Subdivide(mesh: \"b|", "b", "\"s\": Subdivide(mesh: \"b");
@@ -324,8 +333,9 @@ fn other_edits_of_broken_texts_leave_their_lines_too() {
                 json!({ "textDocument": file, "options": { "tabSize": 4, "insertSpaces": true } });
             let edits = editor.ask("textDocument/formatting", asked);
             if ends == "\n" {
-                let is_kept = |c: &char| !c.is_whitespace() && *c != ',';
-                let kept = |text: &str| text.chars().filter(is_kept).collect::<String>();
+                fn kept(text: &str) -> String {
+                    text.chars().filter(|c| !c.is_whitespace() && *c != ',').collect::<String>()
+                }
                 assert_eq!(kept(&edited(&text, &edits)), kept(&text));
             }
         }

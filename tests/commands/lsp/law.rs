@@ -63,17 +63,17 @@ fn any_order_of_edits_leads_where_a_new_server_begins() {
     let mut editor = place.editor();
     let mut open: Vec<(usize, String)> = Vec::new();
     let mut state = 20_070_115_u64;
-    let mut next = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-        (state >> 33) as usize % below
-    };
+    fn next(below: usize, state: &mut u64) -> usize {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*state >> 33) as usize % below
+    }
     for step in 0..STEPS {
-        let file = next(FILES.len());
+        let file = next(FILES.len(), &mut state);
         let path = place.path(FILES[file]);
         let texts = texts(FILES[file]);
-        let text = texts[next(texts.len())].clone();
+        let text = texts[next(texts.len(), &mut state)].clone();
         let known = open.iter().position(|(known, _)| *known == file);
-        match (known, next(4)) {
+        match (known, next(4, &mut state)) {
             (Some(at), 0) => {
                 open.remove(at);
                 editor.tell(

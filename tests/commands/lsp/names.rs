@@ -31,20 +31,19 @@ fn definitions_and_references_lead_through_files() {
     check("\"gro|wth * 2\"", &uri(&path), "growth\": Number", FACE);
     check("Closed(\"smo|oth\")", &uri(&path), "smooth\": Sub", FACE);
     check("Closed(\"all|.ply\")", &uri(&path), "all.ply\": \"all", FACE);
-    let count = |editor: &mut Editor, path: &Path, text: &str, mark: &str, declares: bool| {
+    fn count(editor: &mut Editor, path: &Path, text: &str, mark: &str, declares: bool) -> String {
         let mut asked = place_of(path, text, mark);
         asked["context"] = json!({ "includeDeclaration": declares });
         let found = editor.ask("textDocument/references", asked);
-        let mut files = Vec::from_iter(
-            found
-                .as_array()
-                .unwrap()
-                .iter()
-                .map(|it| it["uri"].as_str().unwrap().rsplit('/').next().unwrap().to_owned()),
-        );
+        let mut files: Vec<_> = found
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|it| it["uri"].as_str().unwrap().rsplit('/').next().unwrap().to_owned())
+            .collect();
         files.sort();
         files.join(" ")
-    };
+    }
     let e = &mut editor;
     assert_eq!(
         count(e, &path, FACE, "\"gro|wth\": Num", true),
@@ -65,17 +64,19 @@ fn a_new_name_changes_names_alone_in_all_files() {
     let place = face();
     let all = ["face.ron", "lib/nose.ron", "big.ron", "face.test.ron"];
     let mut editor = place.editor();
-    let read = |name: &str| std::fs::read_to_string(place.path(name)).unwrap();
-    let keys = || {
+    fn read(name: &str, place: &crate::lsp::Place) -> String {
+        std::fs::read_to_string(place.path(name)).unwrap()
+    }
+    fn keys(place: &crate::lsp::Place) -> Vec<String> {
         let told = ["face.ron", "big.ron"]
             .map(|name| place.run(&["run", "--json", "--no-provenance", name]))
             .concat();
         let hashes = told.lines().filter(|line| line.contains("hash"));
         hashes.map(str::to_owned).collect::<Vec<_>>()
-    };
-    let before = keys();
+    }
+    let before = keys(&place);
     let mut check = |file: &str, mark: &str, to: &str, bytes: i64| {
-        let (path, text) = (place.path(file), read(file));
+        let (path, text) = (place.path(file), read(file, &place));
         editor.open(&path, &text);
         let mut asked = place_of(&path, &text, mark);
         asked["newName"] = to.into();
@@ -83,7 +84,7 @@ fn a_new_name_changes_names_alone_in_all_files() {
         let (mut grown, mut files) = (0, 0);
         for name in all {
             let Some(edits) = changes.get(uri(&place.path(name))) else { continue };
-            let old = read(name);
+            let old = read(name, &place);
             let new = edited(&old, edits);
             grown += new.len() as i64 - old.len() as i64;
             files += 1;
@@ -107,9 +108,9 @@ fn a_new_name_changes_names_alone_in_all_files() {
     check("face.ron", "\"ey|es\": For", "lids", 0);
     check("lib/nose.ron", "inputs: { \"wh|at\"", "the-mesh", 4 * 4);
     check("face.ron", "the_m|esh: \"ball\", raise", "some_mesh", 4);
-    assert_eq!(keys(), before);
+    assert_eq!(keys(&place), before);
     // What cannot be is said.
-    let text = read("face.ron");
+    let text = read("face.ron", &place);
     let mut refused = |mark: &str, to: &str, wanted: &str| {
         let mut asked = place_of(&place.path("face.ron"), &text, mark);
         asked["newName"] = to.into();

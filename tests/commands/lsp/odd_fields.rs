@@ -50,11 +50,11 @@ fn requests(place: &Place) -> Vec<(&'static str, Json)> {
     let at = json!({ "textDocument": document, "position": start });
     let of = json!({ "textDocument": document });
     let of_range = json!({ "textDocument": document, "range": range });
-    let with = |base: &Json, name: &str, value: Json| {
+    fn with(base: &Json, name: &str, value: Json) -> Json {
         let mut all = base.clone();
         all[name] = value;
         all
-    };
+    }
     let context = json!({ "includeDeclaration": true, "triggerKind": 1, "diagnostics": [], "only": ["quickfix"] });
     let refactor = json!({ "title": "x", "kind": "refactor.extract", "data": { "extract": { "uri": document["uri"], "nodes": ["smooth"] } } });
     let stop = json!({ "command": "maquette.stop", "arguments": [document["uri"], "smooth"], "workDoneToken": 1 });

@@ -145,12 +145,11 @@ fn a_log_gets_all_messages_and_keeps_what_was_there() {
     assert_eq!(server.end(), Some(0));
 
     let log = std::fs::read_to_string(place.path("messages.log")).unwrap();
-    let lines = Vec::from_iter(log.lines());
+    let lines: Vec<_> = log.lines().collect();
     assert_eq!(lines[0], "older");
-    let said = |who: &str, what: &str| {
-        let of = |line: &&&str| line.contains(who) && line.contains(what);
-        lines.iter().filter(of).count()
-    };
+    fn said(who: &str, what: &str, lines: &[&str]) -> usize {
+        lines.iter().filter(|line| line.contains(who) && line.contains(what)).count()
+    }
     for (who, what) in [
         (" editor: ", "\"initialize\""),
         (" server: ", "\"capabilities\""),
@@ -158,7 +157,7 @@ fn a_log_gets_all_messages_and_keeps_what_was_there() {
         (" server: ", "\"id\":8"),
         (" editor: ", "\"exit\""),
     ] {
-        assert_eq!(said(who, what), 1, "{who}{what}\n{log}");
+        assert_eq!(said(who, what, &lines), 1, "{who}{what}\n{log}");
     }
 }
 
@@ -265,20 +264,20 @@ fn a_cancelled_request_is_refused_and_its_run_ends() {
 fn a_run_ends_with_its_editor_and_with_its_server() {
     use std::path::Path;
     let place = Place::new(&[("long.ron", LONG)]);
-    let children = |server: &Server| {
+    fn children(server: &Server) -> Vec<String> {
         let id = server.process.id();
         let path = format!("/proc/{id}/task/{id}/children");
         let children = std::fs::read_to_string(path).unwrap_or_default();
-        Vec::from_iter(children.split_whitespace().map(|id| format!("/proc/{id}/exe")))
-    };
-    let have_ended = |children: &[String]| {
+        children.split_whitespace().map(|id| format!("/proc/{id}/exe")).collect::<Vec<_>>()
+    }
+    fn have_ended(children: &[String]) {
         let end = Instant::now() + TIMEOUT;
         // What is left of a process that nobody waits for has no program.
         while children.iter().any(|child| std::fs::read_link(Path::new(child)).is_ok()) {
             assert!(Instant::now() < end, "{children:?} still run");
             std::thread::sleep(Duration::from_millis(20));
         }
-    };
+    }
     let mut editor = Command::new("sleep").arg("600").spawn().unwrap();
     let mut server = running(&place, json!({ "processId": editor.id() }));
     let runs = children(&server);
@@ -374,11 +373,11 @@ fn settings_that_are_not_named_stay() {
     let options = json!({ "largeFiles": 0.5, "hints": true });
     let mut editor = Editor::that_can(&place.cache, json!({}), json!({ "largeFiles": 1000 }));
     editor.open(&path, FACE);
-    let lenses = |editor: &mut Editor| {
+    fn lenses(editor: &mut Editor, path: &std::path::Path) -> bool {
         let asked = json!({ "textDocument": { "uri": uri(&path) } });
         editor.ask("textDocument/codeLens", asked).is_array()
-    };
-    assert!(lenses(&mut editor));
+    }
+    assert!(lenses(&mut editor, &path));
     let large = format!("{FACE}// {}\n", "x".repeat(2_000));
     for (settings, text, is_answered) in [
         (json!({ "maquette": { "largeFiles": 1 } }), &large[..], false),
@@ -390,7 +389,7 @@ fn settings_that_are_not_named_stay() {
     ] {
         editor.change(&path, text);
         editor.tell("workspace/didChangeConfiguration", json!({ "settings": settings }));
-        assert_eq!(lenses(&mut editor), is_answered, "{settings}");
+        assert_eq!(lenses(&mut editor, &path), is_answered, "{settings}");
     }
 }
 

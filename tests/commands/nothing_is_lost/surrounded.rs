@@ -175,8 +175,11 @@ fn assert_same(
     after: &BTreeMap<PathBuf, Vec<u8>>,
     arguments: &[&str],
 ) {
-    let differs = |path: &&PathBuf| before.get(*path) != after.get(*path);
-    let changed: Vec<&Path> =
-        before.keys().chain(after.keys()).filter(differs).map(|path| &**path).collect();
+    let changed: Vec<&Path> = before
+        .keys()
+        .chain(after.keys())
+        .filter(|path| before.get(*path) != after.get(*path))
+        .map(|path| &**path)
+        .collect();
     assert!(changed.is_empty(), "{arguments:?} changed {changed:?}");
 }

@@ -48,8 +48,7 @@ fn nothing_that_is_printed_talks_to_the_terminal() {
         &["diff", "good.ron", "bad.ron"],
     ] {
         let output = project.maquette(arguments);
-        let control = |c: &char| c.is_control() && *c != '\n';
-        let found = said(&output).chars().find(control);
+        let found = said(&output).chars().find(|c| c.is_control() && *c != '\n');
         assert_eq!(found, None, "{arguments:?}: {:?}", said(&output));
     }
     let inspected = project.maquette(&["inspect", "good.ron", "m"]);

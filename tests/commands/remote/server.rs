@@ -154,13 +154,16 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
         return Ok(());
     };
     let path = rest.split(' ').next().unwrap_or_default().to_owned();
-    let header = |name: &str| {
-        let named = |line: &&String| line.to_lowercase().starts_with(&format!("{name}:"));
-        lines.iter().find(named).map(|line| line[name.len() + 1..].trim().to_owned())
-    };
+    fn header(name: &str, lines: &[String]) -> Option<String> {
+        lines
+            .iter()
+            .find(|line| line.to_lowercase().starts_with(&format!("{name}:")))
+            .map(|line| line[name.len() + 1..].trim().to_owned())
+    }
     let mut state = state.lock().unwrap();
     state.asked.push(method.to_owned());
-    if let Some(told) = header("authorization").filter(|told| !state.authorizations.contains(told))
+    if let Some(told) =
+        header("authorization", &lines).filter(|told| !state.authorizations.contains(told))
     {
         state.authorizations.push(told);
     }
@@ -192,7 +195,7 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
     }
     if method == "PUT" {
         let mut file =
-            vec![0; header("content-length").and_then(|it| it.parse().ok()).unwrap_or(0)];
+            vec![0; header("content-length", &lines).and_then(|it| it.parse().ok()).unwrap_or(0)];
         reader.read_exact(&mut file)?;
         return match mode {
             Mode::ReadOnly => say(&mut stream, "403 Forbidden", b""),
@@ -203,8 +206,7 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
             }
         };
     }
-    let is_asked = |name: &&String| (mode == Mode::Lies) != (**name == path);
-    let name = state.files.keys().find(is_asked).cloned();
+    let name = state.files.keys().find(|name| (mode == Mode::Lies) != (**name == path)).cloned();
     let Some(mut file) = name.and_then(|name| state.files.get(&name).cloned()) else {
         return say(&mut stream, "404 Not Found", b"");
     };

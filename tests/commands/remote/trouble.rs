@@ -23,12 +23,18 @@ const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 
 /// A folder of graphs.
 fn project() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("maquette.toml", "");
-    write("mesh.obj", MESH);
-    write("fine.ron", GRAPH);
-    write("fine.test.ron", r#"Test(graph: "fine.ron", cases: { "one": (), "two": () })"#);
-    write("many.sweep.ron", r#"Sweep(graph: "fine.ron", over: Values("fine.levels", [0, 1, 2]))"#);
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    write("maquette.toml", "", &folder);
+    write("mesh.obj", MESH, &folder);
+    write("fine.ron", GRAPH, &folder);
+    write("fine.test.ron", r#"Test(graph: "fine.ron", cases: { "one": (), "two": () })"#, &folder);
+    write(
+        "many.sweep.ron",
+        r#"Sweep(graph: "fine.ron", over: Values("fine.levels", [0, 1, 2]))"#,
+        &folder,
+    );
     folder
 }
 
@@ -61,7 +67,7 @@ fn every_command_tells_the_trouble_with_a_server_once_and_in_the_same_words() {
         "test . --threads 2",
         "batch many.sweep.ron --jobs 3",
     ] {
-        let told = told(folder, &address, &Vec::from_iter(words.split(' ')));
+        let told = told(folder, &address, &words.split(' ').collect::<Vec<_>>());
         assert_eq!(told, std::slice::from_ref(&wanted), "{words}");
     }
 }

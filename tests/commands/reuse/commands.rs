@@ -144,7 +144,7 @@ fn graphs_may_be_nested_deeply_and_circles_end() {
     }
     let text = graph(r#""out": Moved(mesh: "doll", step: 4.0)"#).replace("lib/moved", "g249");
     files.push(("graph.ron".to_owned(), text));
-    let files = Vec::from_iter(files.iter().map(|(name, text)| (&name[..], &text[..])));
+    let files: Vec<_> = files.iter().map(|(name, text)| (&name[..], &text[..])).collect();
     let folder = Folder::new(&files);
     assert_eq!(folder.x_of(&[], "out"), 4.0);
 }
@@ -158,14 +158,14 @@ fn the_gallery_is_up_to_date() {
 #[test]
 fn a_gallery_passes_over_lock_files_and_pins_and_names_its_own_graphs() {
     let folder = Folder::new(&[("graph.ron", &graph(r#""out": Moved(mesh: "doll", step: 4.0)"#))]);
-    let run = |words: &[&str]| {
+    fn run(words: &[&str], folder: &Folder) -> String {
         let output = maquette(&folder.path(""), words);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8_lossy(&output.stdout).into_owned()
-    };
-    run(&["lock", "graph.ron"]);
-    run(&["pin", "graph.ron", "doll"]);
-    assert!(run(&["gallery", "."]).contains("README.md: 1 graph\n"));
+    }
+    run(&["lock", "graph.ron"], &folder);
+    run(&["pin", "graph.ron", "doll"], &folder);
+    assert!(run(&["gallery", "."], &folder).contains("README.md: 1 graph\n"));
     let page = std::fs::read_to_string(folder.path("README.md")).unwrap();
     assert!(page.contains("This page is made by `maquette gallery .`."), "{page}");
     assert!(page.contains("## [graph]") && !page.contains("face.ron"), "{page}");

@@ -101,13 +101,20 @@ fn a_patch_is_set_and_compared_like_a_graph() {
     );
     let path = folder.path("graph.ron");
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let edited = |text: &str, set: &[(&str, &str)]| {
-        let set = Vec::from_iter(set.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
-        maquette::edit::edited(&path, text, &set, &catalog, &Options::default())
-    };
+    fn edited(
+        text: &str,
+        set: &[(&str, &str)],
+        path: &std::path::Path,
+        catalog: &Catalog,
+    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
+        let set: Vec<_> = set.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
+        maquette::edit::edited(path, text, &set, catalog, &Options::default())
+    }
     let text = std::fs::read_to_string(&path).unwrap();
     let new =
-        edited(&text, &[("far", "6"), ("out.step", "1.5"), ("out.mesh", "doll")]).unwrap().text;
+        edited(&text, &[("far", "6"), ("out.step", "1.5"), ("out.mesh", "doll")], &path, &catalog)
+            .unwrap()
+            .text;
     expect![[r#"
         Patch(
             of: "base/graph.ron", // here
@@ -116,13 +123,15 @@ fn a_patch_is_set_and_compared_like_a_graph() {
         )
     "#]]
     .assert_eq(&new);
-    assert!(edited(&text, &[("out.step", "99")]).is_err());
-    assert!(edited(&text, &[("ot.step", "1")]).is_err());
-    let source = |path, text: &str| Source { name: path, text: text.to_owned() };
+    assert!(edited(&text, &[("out.step", "99")], &path, &catalog).is_err());
+    assert!(edited(&text, &[("ot.step", "1")], &path, &catalog).is_err());
+    fn source(path: std::path::PathBuf, text: &str) -> Source {
+        Source { name: path, text: text.to_owned() }
+    }
     let base = std::fs::read_to_string(folder.path("base/graph.ron")).unwrap();
     let base = source(folder.path("base/graph.ron"), &base);
     let found = Graph::differences(&base, &source(path.clone(), &new), &catalog).unwrap();
-    let lines = Vec::from_iter(found.iter().map(|found| format!("{found}\n")));
+    let lines: Vec<_> = found.iter().map(|found| format!("{found}\n")).collect();
     expect![[r#"
         parameter far: changed default: 3 -> 6
         node out: rewired mesh: "a" -> "doll"

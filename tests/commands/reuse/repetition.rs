@@ -48,12 +48,12 @@ fn what_is_not_carried_is_a_list_for_ports_that_take_many() {
     let graph = folder.graph();
     let evaluation = evaluator().evaluate_all(&graph);
     assert_eq!(evaluation.problems(), []);
-    let count = |node: &str| {
-        let evaluation = evaluator().evaluate_nodes(&graph, &[node]);
-        let mesh = evaluation.find(&graph, node, "").unwrap();
+    fn count(node: &str, graph: &maquette::Graph) -> usize {
+        let evaluation = evaluator().evaluate_nodes(graph, &[node]);
+        let mesh = evaluation.find(graph, node, "").unwrap();
         mesh.get::<maquette::value::Mesh>().unwrap().positions().len() / 4
-    };
-    assert_eq!([count("some"), count("more"), count("out")], [2, 6, 8]);
+    }
+    assert_eq!([count("some", &graph), count("more", &graph), count("out", &graph)], [2, 6, 8]);
     assert_eq!(folder.x_of(&[], "some"), 1.0);
 }
 
@@ -94,10 +94,12 @@ fn busy(trace: &RunTrace) -> Vec<&str> {
 
 #[test]
 fn one_of_twenty_elements_runs_what_depends_on_it_alone() {
-    let step = |k: usize| match k {
-        11 => "Param(\"far\")".to_owned(),
-        _ => format!("{:?}", 0.25 + k as f64 / 8.0),
-    };
+    fn step(k: usize) -> String {
+        match k {
+            11 => "Param(\"far\")".to_owned(),
+            _ => format!("{:?}", 0.25 + k as f64 / 8.0),
+        }
+    }
     let elements = (0..20).map(|k| format!("(step: {})", step(k)));
     let elements = Vec::from_iter(elements).join(", ");
     let nodes = format!(
@@ -105,30 +107,33 @@ fn one_of_twenty_elements_runs_what_depends_on_it_alone() {
     );
     let folder = Folder::with_nodes(&nodes);
     let mut evaluator = evaluator();
-    let mut run = |set: &[(&str, &str)]| {
+    fn run(set: &[(&str, &str)], folder: &Folder, evaluator: &mut maquette::Evaluator) -> RunTrace {
         let graph = folder.load_with("graph.ron", set).graph.unwrap();
         evaluator.evaluate_all(&graph).trace()
-    };
-    assert_eq!(run(&[]).0.len(), 22);
-    assert_eq!(busy(&run(&[("far", "4")])), ["each/12/it", "out"]);
-    assert_eq!(busy(&run(&[("far", "4"), ("each/3.step", "9")])), ["each/3/it", "out"]);
+    }
+    assert_eq!(run(&[], &folder, &mut evaluator).0.len(), 22);
+    assert_eq!(busy(&run(&[("far", "4")], &folder, &mut evaluator)), ["each/12/it", "out"]);
+    assert_eq!(
+        busy(&run(&[("far", "4"), ("each/3.step", "9")], &folder, &mut evaluator)),
+        ["each/3/it", "out"]
+    );
 }
 
 #[test]
 fn a_change_runs_the_elements_behind_it_where_something_is_carried() {
-    let elements = Vec::from_iter((0..20).map(|_| "(step: 1.0)")).join(", ");
+    let elements = (0..20).map(|_| "(step: 1.0)").collect::<Vec<_>>().join(", ");
     let nodes = format!(
         "\"each\": ForEach(graph: \"Moved\", over: [{elements}], carry: (mesh: \"doll\")), \"out\": Moved(mesh: \"each\")"
     );
     let folder = Folder::with_nodes(&nodes);
     let mut evaluator = evaluator();
-    let mut run = |set: &[(&str, &str)]| {
+    fn run(set: &[(&str, &str)], folder: &Folder, evaluator: &mut maquette::Evaluator) -> RunTrace {
         let graph = folder.load_with("graph.ron", set).graph.unwrap();
         evaluator.evaluate_all(&graph).trace()
-    };
-    run(&[]);
+    }
+    run(&[], &folder, &mut evaluator);
     assert_eq!(
-        busy(&run(&[("each/18.step", "2")])),
+        busy(&run(&[("each/18.step", "2")], &folder, &mut evaluator)),
         ["each/18/it", "each/19/it", "each/20/it", "out/it"]
     );
 }
@@ -144,14 +149,14 @@ const SWITCH: &str = r#"Graph(format: 1, params: { "quality": Choice(default: lo
 #[test]
 fn only_the_chosen_branch_is_evaluated() {
     let folder = Folder::new(&[("graph.ron", SWITCH)]);
-    let names = |set: &[(&str, &str)]| -> Vec<String> {
+    fn names(set: &[(&str, &str)], folder: &Folder) -> Vec<String> {
         let graph = folder.load_with("graph.ron", set).graph.unwrap();
         let trace = evaluator().evaluate_all(&graph).trace();
         trace.0.iter().map(|node| node.name.clone()).collect()
-    };
-    assert_eq!(names(&[]), ["doll", "a", "out"]);
-    assert_eq!(names(&[("quality", "high")]), ["doll", "b", "out"]);
-    assert_eq!(names(&[("it.choose", "high")]), ["doll", "b", "out"]);
+    }
+    assert_eq!(names(&[], &folder), ["doll", "a", "out"]);
+    assert_eq!(names(&[("quality", "high")], &folder), ["doll", "b", "out"]);
+    assert_eq!(names(&[("it.choose", "high")], &folder), ["doll", "b", "out"]);
     assert_eq!(
         folder.problems(&[("quality", "none")]),
         "graph.ron:5:63-79 G009 Switch has no case `none` (its cases: low, high)\n"
@@ -175,7 +180,7 @@ fn each_use_chooses_for_itself() {
     let folder = Folder::new(&[("graph.ron", &text), ("both.ron", &lib)]);
     let graph = folder.graph();
     let trace = evaluator().evaluate_all(&graph).trace();
-    let names = Vec::from_iter(trace.0.iter().map(|node| &node.name[..]));
+    let names: Vec<_> = trace.0.iter().map(|node| &node.name[..]).collect();
     assert_eq!(names, ["doll", "low/a", "high/b", "out"]);
 }
 

@@ -1,6 +1,6 @@
 //! Graphs that use graphs: what they compute, and what is said of their mistakes.
 
-use std::path::{Path, PathBuf};
+use std::path::{Path};
 
 use expect_test::{Expect, expect};
 use maquette::{Checked, Place, State};
@@ -43,8 +43,10 @@ fn two_uses_with_equal_inputs_are_computed_once() {
         r#""a": Moved(mesh: "doll", step: 2.0), "b": Moved(mesh: "doll", step: Expr("far - 1")), "out": Merge(meshes: ["a", "b"])"#,
     );
     let trace = evaluator().evaluate_all(&folder.graph()).trace();
-    let state = |name: &str| trace.0.iter().find(|node| node.name == name).unwrap().state;
-    let both = [state("a/it"), state("b/it")];
+    fn state(name: &str, trace_0: &[maquette::NodeTrace]) -> State {
+        trace_0.iter().find(|node| node.name == name).unwrap().state
+    }
+    let both = [state("a/it", &trace.0), state("b/it", &trace.0)];
     assert!(both.contains(&State::Computed) && both != [State::Computed; 2], "{trace}");
 }
 
@@ -200,12 +202,14 @@ nodes: {
 "red": Threshold(image: "photo", select: Near(color: Param("color"))),
 }, outputs: { "mesh": "both" })"##;
     let nodes = r##""out": All(mesh: "doll", number: 2.0, integer: 2, toggle: true, color: "#c33923", text: "doll.obj", choice: EdgeAndCorner, vector: (1, Expr("far"), 3))"##;
-    let with_all = |nodes: &str| graph(nodes).replace("use: {", "use: { \"All\": \"all.ron\",");
-    let files = |text: &str| {
+    fn with_all(nodes: &str) -> String {
+        graph(nodes).replace("use: {", "use: { \"All\": \"all.ron\",")
+    }
+    fn files(text: &str, all: &str) -> String {
         let folder = Folder::new(&[("graph.ron", text), ("all.ron", all), ("photo.png", "")]);
         folder.problems(&[])
-    };
-    assert_eq!(files(&with_all(nodes)), "");
+    }
+    assert_eq!(files(&with_all(nodes), all), "");
     let wrong = r##""out": All(mesh: "doll", number: "2", integer: 2.5, toggle: yes, color: "red", text: Word, choice: Edge, vector: (1, -20, 3)),
 "two": All(mesh: "doll", vector: (1, 2))"##;
     expect![[r##"
@@ -217,19 +221,19 @@ nodes: {
         graph.ron:3:100-104 G009 field `choice` of All has no choice `Edge` (did you mean `EdgeOnly`?)
         graph.ron:3:118-121 G010 field `vector` of All is -20, but must be at least -9
         graph.ron:4:34-40 G009 field `vector` of All wants 3 values, not 2
-    "##]].assert_eq(&files(&with_all(wrong)));
+    "##]].assert_eq(&files(&with_all(wrong), all));
 }
 
 #[test]
 fn a_trap_of_uses_that_double_each_time_is_refused() {
-    let lib = |inner: &str| {
+    fn lib(inner: &str) -> String {
         let nodes = (0..10).map(|k| format!("\"n{k}\": {inner},"));
         format!(
             "Graph(format: 1, use: {{ {} }}, inputs: {{}}, nodes: {{ {} }}, outputs: {{}})",
             if inner == "I()" { "\"I\": \"INNER\"" } else { "" },
             String::from_iter(nodes)
         )
-    };
+    }
     let mut files = vec![(
         "l0.ron".to_owned(),
         lib("PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]])"),
@@ -239,7 +243,7 @@ fn a_trap_of_uses_that_double_each_time_is_refused() {
     }
     let top = lib("I()").replace("INNER", "l8.ron").replace("inputs: {}, ", "");
     files.push(("graph.ron".to_owned(), top));
-    let files = Vec::from_iter(files.iter().map(|(name, text)| (&name[..], &text[..])));
+    let files: Vec<_> = files.iter().map(|(name, text)| (&name[..], &text[..])).collect();
     let folder = Folder::new(&files);
     assert!(folder.problems(&[]).contains("more than 1000000 nodes"), "{}", folder.problems(&[]));
 }
@@ -277,7 +281,7 @@ fn a_node_that_fails_inside_says_where() {
     let problem = &problems[0];
     assert!(problem.source.name.ends_with(Path::new("lib/moved.ron")));
     assert_eq!(Place::of(&problem.source.text, problem.span.start).line, 7);
-    assert_eq!(Vec::from_iter(problem.uses.iter().map(|at| &at.name[..])), ["out"]);
+    assert_eq!(problem.uses.iter().map(|at| &at.name[..]).collect::<Vec<_>>(), ["out"]);
 }
 
 #[test]
@@ -285,9 +289,12 @@ fn every_file_of_a_graph_is_known_even_if_it_is_not_there() {
     let text =
         graph(r#""out": Moved(mesh: "doll")"#).replace("use: {", "use: { \"Gone\": \"gone.ron\",");
     let folder = Folder::new(&[("graph.ron", &text)]);
-    let names = |checked: &Checked| -> Vec<String> {
-        let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
-        checked.subgraphs.iter().map(name).collect()
-    };
+    fn names(checked: &Checked) -> Vec<String> {
+        checked
+            .subgraphs
+            .iter()
+            .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
+            .collect()
+    }
     assert_eq!(names(&folder.load_with("graph.ron", &[])), ["gone.ron", "moved.ron"]);
 }

@@ -26,7 +26,13 @@ fn only_what_depends_on_a_missing_file_fails() {
         assert_eq!((&told["ok"], problems(&told)), (&json!(true), warning), "{asked}");
     }
     // What is wanted, whether that is there, and the state of each node that it needs.
-    let mut check = |want: Option<&[&str]>, set: Json, given: &[&str], nodes: &[(&str, &str)]| {
+    fn check(
+        want: Option<&[&str]>,
+        set: Json,
+        given: &[&str],
+        nodes: &[(&str, &str)],
+        host: &mut Host,
+    ) {
         let mut wish = json!({ "graph": "doll.ron", "set": set });
         if let Some(want) = want {
             wish["want"] =
@@ -36,23 +42,23 @@ fn only_what_depends_on_a_missing_file_fails() {
         let is_right = nodes.iter().all(|(_, state)| !matches!(*state, "failed" | "skipped"));
         let severity = if is_right { "warning" } else { "error" };
         assert_eq!((&told["ok"], problems(&told)), (&json!(is_right), vec![(severity, MESSAGE)]));
-        let mut values = Vec::from_iter(told["values"].as_object().unwrap().keys());
+        let mut values: Vec<_> = told["values"].as_object().unwrap().keys().collect();
         values.sort();
         assert_eq!(values, given, "{told}");
         let states = told["nodes"].as_array().unwrap().iter();
         let state =
             |node: &Json| [&node["name"], &node["state"]].map(|it| it.as_str().unwrap().to_owned());
-        let states = Vec::from_iter(states.map(state));
+        let states: Vec<_> = states.map(state).collect();
         let expected = nodes.iter().map(|(name, state)| [(*name).to_owned(), (*state).to_owned()]);
         assert_eq!(states, Vec::from_iter(expected));
-    };
-    check(Some(&["good.obj"]), json!({}), &["good.obj"], &[("good", "computed")]);
-    check(Some(&["chosen.obj"]), json!({}), &["chosen.obj"], &[("good", "cached")]);
+    }
+    check(Some(&["good.obj"]), json!({}), &["good.obj"], &[("good", "computed")], &mut host);
+    check(Some(&["chosen.obj"]), json!({}), &["chosen.obj"], &[("good", "cached")], &mut host);
     let failed = [("bad", "failed"), ("moved", "skipped")];
-    check(Some(&["bad.obj"]), json!({}), &[], &failed);
-    check(Some(&["chosen.obj"]), json!({ "which": "Bad" }), &[], &failed);
+    check(Some(&["bad.obj"]), json!({}), &[], &failed, &mut host);
+    check(Some(&["chosen.obj"]), json!({ "which": "Bad" }), &[], &failed, &mut host);
     let all = [("good", "cached"), failed[0], failed[1]];
-    check(None, json!({}), &["chosen.obj", "good.obj"], &all);
+    check(None, json!({}), &["chosen.obj", "good.obj"], &all, &mut host);
     let why = host.ask("why", json!({ "graph": "doll.ron", "node": "moved" }));
     assert!(why["why"].as_str().unwrap().contains("tte.obj"), "{why}");
 

@@ -56,7 +56,9 @@ fn list(of: &Json) -> &[Json] {
 
 /// The links of a node: port and target.
 fn links(node: &Json) -> Vec<(String, String)> {
-    let text = |it: &Json| it.as_str().unwrap().to_owned();
+    fn text(it: &Json) -> String {
+        it.as_str().unwrap().to_owned()
+    }
     list(&node["links"]).iter().map(|link| (text(&link["port"]), text(&link["to"]))).collect()
 }
 
@@ -91,7 +93,9 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
                 // A mistake: edits do not know which.
                 continue;
             }
-            let many = |port: &str| text.contains(&format!("{port}: \""));
+            fn many(port: &str, text: &str) -> bool {
+                text.contains(&format!("{port}: \""))
+            }
             for (port, to) in links(node) {
                 let way = format!("{name}.{port}");
                 let linked = json!({ "link": { "port": way, "to": to } });
@@ -102,7 +106,7 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
                         let linked = json!({ "link": { "port": format!("{way}.0"), "to": to } });
                         let done = asked(&mut host, "edit", edit(graph, linked, true)).unwrap();
                         assert_eq!(done["text"], text, "{way}");
-                        assert!(many(&port), "{way}");
+                        assert!(many(&port, &text), "{way}");
                     }
                     Err(why) => assert!(why.contains("a patch has"), "{graph:?} {way}: {why}"),
                 }
@@ -110,8 +114,11 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
                 let unlinked = edit(graph, json!({ "unlink": { "port": way } }), true);
                 let Ok(done) = asked(&mut host, "edit", unlinked) else { continue };
                 let new = host.ask("outline", json!({ "graph": graph, "text": done["text"] }));
-                let is_it = |node: &&Json| node["name"] == name;
-                let new = list(&new["outline"]["nodes"]).iter().find(is_it).unwrap().clone();
+                let new = list(&new["outline"]["nodes"])
+                    .iter()
+                    .find(|node| node["name"] == name)
+                    .unwrap()
+                    .clone();
                 assert_eq!(links(&new).len() + 1, links(node).len(), "{graph:?} {way}");
                 *seen.get_mut("unlinked").unwrap() += 1;
             }
@@ -159,11 +166,13 @@ impl Dice {
 /// An edit of something that the outline has, right or wrong.
 fn random_edit(outline: &Json, dice: &mut Dice) -> Option<Json> {
     let nodes = list(&outline["nodes"]);
-    let name = |node: &Json| node["name"].as_str().unwrap().to_owned();
+    fn name(node: &Json) -> String {
+        node["name"].as_str().unwrap().to_owned()
+    }
     let node = dice.of(nodes)?.clone();
     let other = dice.of(nodes)?.clone();
-    let port = |dice: &mut Dice| {
-        let known = links(&node);
+    fn port(dice: &mut Dice, node: &Json) -> Option<String> {
+        let known = links(node);
         let linked = dice.of(&known).map(|(port, _)| port.clone());
         let port = dice.of(&texts(&node["ports"])).map(|port| (*port).to_owned());
         Some(format!(
@@ -171,18 +180,18 @@ fn random_edit(outline: &Json, dice: &mut Dice) -> Option<Json> {
             name(&node),
             if dice.roll(2) == 0 { linked.or(port)? } else { port? }
         ))
-    };
+    }
     Some(match dice.roll(7) {
         0 => json!({ "remove": { "name": name(&node), "and_links": dice.roll(3) > 0 } }),
         1 => json!({ "rename": { "from": name(&node), "to": format!("n-{}", dice.roll(40)) } }),
         2 | 3 => {
             let output = dice.of(list(&other["outputs"])).map(|it| it["name"].as_str().unwrap());
             let to = output.filter(|it| !it.is_empty()).map(|it| format!(".{it}"));
-            json!({ "link": { "port": port(dice)?, "to": name(&other) + &to.unwrap_or_default() } })
+            json!({ "link": { "port": port(dice, &node)?, "to": name(&other) + &to.unwrap_or_default() } })
         }
-        4 => json!({ "unlink": { "port": port(dice)? } }),
+        4 => json!({ "unlink": { "port": port(dice, &node)? } }),
         5 => {
-            let fields = Vec::from_iter(list(&node["fields"]).iter().map(texts));
+            let fields: Vec<_> = list(&node["fields"]).iter().map(texts).collect();
             let fields = fields.iter().map(|field| [field[0], field[1]]);
             let to = format!("n-{}", dice.roll(40));
             json!({ "add": { "name": to, "node": node["type"], "fields": Vec::from_iter(fields), "after": name(&other) } })
@@ -273,7 +282,7 @@ fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
         json!([{ "port": "mesh", "to": "given", "node": "given", "output": "" }])
     );
     assert_eq!(node(1, "comment"), "");
-    let paragraphs = Vec::from_iter(nodes.iter().map(|node| node["paragraph"].clone()));
+    let paragraphs: Vec<_> = nodes.iter().map(|node| node["paragraph"].clone()).collect();
     assert_eq!(paragraphs, [0, 0, 1]);
     // Nothing is known of an unknown type but what is named.
     assert_eq!((node(1, "type"), node(1, "ports")), (json!("Oddity"), json!([])));
@@ -347,10 +356,13 @@ fn what_has_another_value_in_drafts_says_so() {
     );
     let mut host = Host::of(&project);
     let outline = &host.ask("outline", json!({ "graph": "doll.ron" }))["outline"];
-    let drafts = |section: &str| {
-        Vec::from_iter(list(&outline[section]).iter().map(|it| it["draft"] == true))
-    };
-    assert_eq!((drafts("params"), drafts("nodes")), (vec![true, false], vec![true, false]));
+    fn drafts(section: &str, outline: &Json) -> Vec<bool> {
+        list(&outline[section]).iter().map(|it| it["draft"] == true).collect::<Vec<_>>()
+    }
+    assert_eq!(
+        (drafts("params", outline), drafts("nodes", outline)),
+        (vec![true, false], vec![true, false])
+    );
     for (draft, default) in [(false, 2), (true, 0)] {
         let loaded = host.ask("load", json!({ "graph": "doll.ron", "draft": draft }));
         let levels = &loaded["schema"]["properties"]["levels"];

@@ -95,13 +95,13 @@ fn comments_stay_above_their_entries() {
 
 #[test]
 fn edits_keep_the_commas_of_the_author() {
-    let check = |edits: &[Edit], changes: &[(&str, &str)]| {
+    fn check(edits: &[Edit], changes: &[(&str, &str)]) {
         let expected = changes.iter().fold(LEADING.to_owned(), |text, (old, new)| {
             assert!(text.contains(old), "{old}");
             text.replacen(old, new, 1)
         });
         assert_eq!(edited(LEADING, edits).as_deref(), Some(&expected[..]));
-    };
+    }
     let green = "        , \"green\": Transform(mesh: \"mesh\", translate: (0, 0, 3))\n";
     check(&[remove("green", false)], &[(green, "")]);
     let blue = &LEADING[LEADING.find("        , \"blue\"").unwrap()
@@ -149,8 +149,8 @@ fn both_may_change_a_graph() {
     let end = LEADING.find("        // about green").unwrap();
     let ours = [&LEADING[..start], &LEADING[end..]].concat();
     let theirs = LEADING.replace("about green", "all about green");
-    let source = |text: &str| Source { name: "graph.ron".into(), text: text.to_owned() };
-    let texts = [LEADING, &ours, &theirs].map(source);
+    let texts = [LEADING, &ours, &theirs]
+        .map(|text| Source { name: "graph.ron".into(), text: text.to_owned() });
     let merged =
         maquette::edit::merge("graph.ron".as_ref(), [&texts[0], &texts[1], &texts[2]], catalog());
     assert!(merged.conflicts.is_empty() && !merged.by_lines, "{merged:?}");

@@ -180,19 +180,20 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
 #[test]
 fn a_use_goes_into_a_folder_that_is_not_there_yet() {
     let folder = tempfile::tempdir().unwrap();
-    let put = |name: &str, text: &str| {
+    fn put(name: &str, text: &str, folder: &tempfile::TempDir) -> PathBuf {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         path
-    };
-    put("maquette.toml", "");
-    put("part.obj", "v 0 0 0\nv 5 0 0\nv 5 5 0\nf 1 2 3\n");
+    }
+    put("maquette.toml", "", &folder);
+    put("part.obj", "v 0 0 0\nv 5 0 0\nv 5 5 0\nf 1 2 3\n", &folder);
     put(
         "moved.ron",
         r#"Graph(format: 1, inputs: {"mesh": Mesh(doc: "")}, nodes: {"t": Transform(mesh: "mesh", translate: (1, 0, 0))}, outputs: {"mesh": "t"})"#,
+        &folder,
     );
     let text = r#"Graph(format: 1, use: {"Moved": "moved.ron"}, nodes: {"a": ReadMesh(path: "part.obj"), "b": Moved(mesh: "a")}, outputs: {"b.ply": "b"})"#;
-    let path = put("graph.ron", text);
+    let path = put("graph.ron", text, &folder);
     let to = Some(folder.path().join("new/deep/part.ron"));
     let wanted = Extraction { nodes: vec!["b".into()], to, ..Extraction::default() };
     let done = maquette::edit::extract(&path, text, &wanted, catalog(), &Options::default());
@@ -203,20 +204,24 @@ fn a_use_goes_into_a_folder_that_is_not_there_yet() {
 #[test]
 fn lines_end_and_begin_as_they_do_in_the_graph() {
     let wanted = wish(&["red", "spots"], "nowhere/mark.ron");
-    let of = |text: &str| {
-        let done = extract_with(text, &wanted, &with_skin()).unwrap();
+    fn of(text: &str, wanted: &Extraction) -> (String, String) {
+        let done = extract_with(text, wanted, &with_skin()).unwrap();
         let options = with_skin().with_text("nowhere/mark.ron", &done.text[..]);
         let new = &done.edited.text;
         let back =
             maquette::edit::inline(Path::new(HERE), new, "mark", catalog(), &options).unwrap();
         assert_eq!(back.text, text);
         (done.edited.text, done.text)
-    };
-    let (graph, new) = of(&scan());
-    let windows = |text: &str| text.replace('\n', "\r\n");
-    assert_eq!(of(&windows(&scan())), (windows(&graph), windows(&new)));
-    let tabs = |text: &str| text.replace("    ", "\t");
-    assert_eq!(of(&tabs(&scan())), (tabs(&graph), new));
+    }
+    let (graph, new) = of(&scan(), &wanted);
+    fn windows(text: &str) -> String {
+        text.replace('\n', "\r\n")
+    }
+    assert_eq!(of(&windows(&scan()), &wanted), (windows(&graph), windows(&new)));
+    fn tabs(text: &str) -> String {
+        text.replace("    ", "\t")
+    }
+    assert_eq!(of(&tabs(&scan()), &wanted), (tabs(&graph), new));
 }
 
 #[test]
@@ -285,16 +290,20 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
     assert_eq!(back.map(|back| back.text).map_err(|problems| told(&problems)), Ok(text.to_owned()));
     // With other values for its parameter, or none.
     let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
-    let inlined = |text: &str| {
-        let done = maquette::edit::inline(&path, text, "new", catalog(), &options);
+    fn inlined(text: &str, path: &Path, options: &Options) -> String {
+        let done = maquette::edit::inline(path, text, "new", catalog(), options);
         let text = done.map(|edited| edited.text).unwrap_or_else(|problems| told(&problems));
         text.lines().find(|line| line.contains("given\": ")).unwrap_or(&text).trim().to_owned()
-    };
+    }
     let none = done.edited.text.replace("last: Param(\"last\")", "");
     expect![[r#"
         "given": Through(from: "other/x.obj"),
         "given": Through(from: Draft(final: "f.obj", draft: "g.obj")),"#]]
-    .assert_eq(&format!("{}\n{}", inlined(&other), inlined(&none)));
+    .assert_eq(&format!(
+        "{}\n{}",
+        inlined(&other, &path, &options),
+        inlined(&none, &path, &options)
+    ));
 }
 
 #[test]
@@ -362,16 +371,18 @@ fn entries_that_share_a_line_are_taken_out_of_it() {
 
 #[test]
 fn names_are_made_of_the_file_or_of_each_other() {
-    let names = |extraction: Extraction| {
+    fn names(extraction: Extraction) -> String {
         let Extracted { path, kind, name, .. } = extract(DOLL, &extraction).unwrap();
         format!("{} {kind} {name}", path.display())
-    };
-    let of = |kind: Option<&str>, name: Option<&str>, to: Option<&str>| Extraction {
-        nodes: vec!["grid".into()],
-        kind: kind.map(str::to_owned),
-        name: name.map(str::to_owned),
-        to: to.map(PathBuf::from),
-    };
+    }
+    fn of(kind: Option<&str>, name: Option<&str>, to: Option<&str>) -> Extraction {
+        Extraction {
+            nodes: vec!["grid".into()],
+            kind: kind.map(str::to_owned),
+            name: name.map(str::to_owned),
+            to: to.map(PathBuf::from),
+        }
+    }
     assert_eq!(names(of(None, None, None)), "nowhere/grid.ron Grid grid");
     assert_eq!(names(of(Some("BigNose"), None, None)), "nowhere/big-nose.ron BigNose big-nose");
     assert_eq!(names(of(None, Some("far"), None)), "nowhere/far.ron Far far");
@@ -424,33 +435,35 @@ fn what_cannot_be_extracted_is_refused() {
             "G014 graph.ron:5:19 `../../new.ron` lies outside of the project (move the file into nowhere, put a maquette.toml into a folder above both, or allow its folder with --root)"
         ],
     );
-    let named = |kind: &str, name: &str| Extraction {
-        kind: (!kind.is_empty()).then(|| kind.to_owned()),
-        name: (!name.is_empty()).then(|| name.to_owned()),
-        ..wish(&["red"], to)
-    };
+    fn named(kind: &str, name: &str, to: &str) -> Extraction {
+        Extraction {
+            kind: (!kind.is_empty()).then(|| kind.to_owned()),
+            name: (!name.is_empty()).then(|| name.to_owned()),
+            ..wish(&["red"], to)
+        }
+    }
     check_refused(
         DOLL,
-        &named("Label", ""),
+        &named("Label", "", to),
         expect!["G006 graph.ron:1:1 there is already a node type `Label` (give it another name)"],
     );
     check_refused(
         DOLL,
-        &named("red", ""),
+        &named("red", "", to),
         expect![
             "G006 graph.ron:1:1 `red` cannot name a type of nodes (such names begin with a capital letter; letters and digits follow)"
         ],
     );
     check_refused(
         DOLL,
-        &named("", "skin"),
+        &named("", "skin", to),
         expect![
             "G006 graph.ron:1:1 there is already a node `skin` (give the new node another name)"
         ],
     );
     check_refused(
         DOLL,
-        &named("", "Skin"),
+        &named("", "Skin", to),
         expect![
             "G006 graph.ron:1:1 `Skin` cannot name a node (names begin with a lower-case letter; lower-case letters, digits and hyphens follow)"
         ],
@@ -527,31 +540,36 @@ fn a_file_that_is_there_is_not_replaced() {
 fn nothing_is_computed_anew() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll.ron");
     let path = path.canonicalize().unwrap();
-    let load = |text: &str, options: &Options| {
-        Graph::load_text(&path, text.to_owned(), catalog(), options).graph.unwrap()
-    };
+    fn load(text: &str, options: &Options, path: &Path) -> Graph {
+        Graph::load_text(path, text.to_owned(), catalog(), options).graph.unwrap()
+    }
     let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
-    let first = evaluator.evaluate_all(&load(DOLL, &Options::default()));
+    let first = evaluator.evaluate_all(&load(DOLL, &Options::default(), &path));
     assert_eq!(first.trace().count(State::Failed), 0);
     let nodes = ["red", "spots", "nose", "normal", "net", "raised"];
     let wanted = wish(&nodes, path.with_file_name("zz/nose.ron").to_str().unwrap());
     let done =
         maquette::edit::extract(&path, DOLL, &wanted, catalog(), &Options::default()).unwrap();
     let options = Options::default().with_text(&done.path, &done.text[..]);
-    let count = |text: &str, evaluator: &mut Evaluator| {
-        let graph = load(text, &options);
+    fn count(
+        text: &str,
+        evaluator: &mut Evaluator,
+        options: &Options,
+        path: &Path,
+    ) -> (usize, usize) {
+        let graph = load(text, options, path);
         let done = evaluator.evaluate_all(&graph);
         (done.trace().count(State::Computed), done.trace().0.len())
-    };
-    let (computed, all) = count(&done.edited.text, &mut evaluator);
+    }
+    let (computed, all) = count(&done.edited.text, &mut evaluator, &options, &path);
     assert_eq!((computed, all), (0, first.trace().0.len()));
     let inlined =
         maquette::edit::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
     assert_eq!(inlined.text, DOLL);
-    assert_eq!(count(&inlined.text, &mut evaluator).0, 0);
+    assert_eq!(count(&inlined.text, &mut evaluator, &options, &path).0, 0);
     // Another name alone computes nothing either, but another value does.
     let other = edited(DOLL, &[rename("red", "blue")]).unwrap();
-    assert_eq!(count(&other, &mut evaluator).0, 0);
+    assert_eq!(count(&other, &mut evaluator, &options, &path).0, 0);
     let other = done.edited.text.replace("default: 12.0", "default: 13.0");
-    assert!(count(&other, &mut evaluator).0 > 0);
+    assert!(count(&other, &mut evaluator, &options, &path).0 > 0);
 }

@@ -127,15 +127,17 @@ fn a_name_beside_a_hyphen_stands_apart() {
 )
 "#;
     let outputs = "    outputs: { \"a.ply\": \"up\" },\n";
-    let of = |value: &str| {
-        let use_it = format!("        \"up\": Lift(mesh: \"mesh\", x: {value}),\n");
-        let text = inlined(&outer(params, &use_it, outputs), lift, "up").unwrap_or_else(|why| why);
-        let line = text.lines().find(|line| line.contains("\"up\":") || line.starts_with("G0"));
-        line.unwrap_or(&text).trim().to_owned()
-    };
     let all =
         ["Param(\"a\")", "Expr(\"a - 1\")", "-3", "Draft(final: 4, draft: 3)", "Param(\"a-1\")"];
-    let all = Vec::from_iter(all.map(of)).join("\n");
+    let all = all
+        .map(|value| {
+            let use_it = format!("        \"up\": Lift(mesh: \"mesh\", x: {value}),\n");
+            let text =
+                inlined(&outer(params, &use_it, outputs), lift, "up").unwrap_or_else(|why| why);
+            let line = text.lines().find(|line| line.contains("\"up\":") || line.starts_with("G0"));
+            line.unwrap_or(&text).trim().to_owned()
+        })
+        .join("\n");
     expect![[r#"
         "up": Transform(mesh: "mesh", scale: (Expr("(a)-1"), Expr("2 * a"), Param("a"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(a - 1)-1"), Expr("2 * (a - 1)"), Expr("a - 1"))),
@@ -245,7 +247,9 @@ fn types_of_the_used_graph_come_along() {
 fn what_nodes_alone_cannot_say_is_refused() {
     let use_it = "        \"up\": Lift(mesh: \"mesh\"),\n";
     let text = outer("", use_it, OUTPUTS);
-    let refused = |text: &str, lift: &str, node: &str| inlined(text, lift, node).unwrap_err();
+    fn refused(text: &str, lift: &str, node: &str) -> String {
+        inlined(text, lift, node).unwrap_err()
+    }
     let mut all = vec![refused(&text, LIFT, "uup"), refused(&text, LIFT, "mesh")];
     let each = "        \"up\": ForEach(graph: \"Lift\", over: [()], links: (mesh: \"mesh\")),\n";
     let rest = "    outputs: { \"a.ply\": \"up/1\" },\n";
@@ -294,15 +298,19 @@ fn uses_of_all_graphs_give_way_to_their_nodes() {
     let (mut done, mut refused) = (0, Vec::new());
     for (path, text) in law::graphs() {
         let path = path.canonicalize().unwrap();
-        let uses = |kind: &str| text.contains(&format!("\"{kind}\":"));
+        fn uses(kind: &str, text: &str) -> bool {
+            text.contains(&format!("\"{kind}\":"))
+        }
         if Graph::load_text(&path, text.clone(), catalog(), &options).graph.is_none() {
             continue;
         }
-        for node in Sketch::of(&text).nodes.iter().filter(|node| uses(&node.kind)) {
+        for node in Sketch::of(&text).nodes.iter().filter(|node| uses(&node.kind, &text)) {
             match maquette::edit::inline(&path, &text, &node.name, catalog(), &options) {
                 Ok(edited) => {
                     done += 1;
-                    let count = |text: &str| Sketch::of(text).nodes.len();
+                    fn count(text: &str) -> usize {
+                        Sketch::of(text).nodes.len()
+                    }
                     assert!(count(&edited.text) >= count(&text), "{}", edited.text);
                 }
                 Err(problems) => {
@@ -351,18 +359,18 @@ fn nothing_is_computed_anew() {
     let path = path.canonicalize().unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
-    let mut computed = |text: &str| {
-        let checked = Graph::load_text(&path, text.to_owned(), catalog(), &Options::default());
+    fn computed(text: &str, path: &Path, evaluator: &mut Evaluator) -> (usize, usize) {
+        let checked = Graph::load_text(path, text.to_owned(), catalog(), &Options::default());
         let done = evaluator.evaluate_all(&checked.graph.unwrap());
         assert_eq!(done.trace().count(State::Failed), 0);
         (done.trace().count(State::Computed), done.trace().0.len())
-    };
-    let (first, all) = computed(&text);
+    }
+    let (first, all) = computed(&text, &path, &mut evaluator);
     assert!(first > 10);
     let once =
         maquette::edit::inline(&path, &text, "nose", catalog(), &Options::default()).unwrap();
-    assert_eq!(computed(&once.text), (0, all));
+    assert_eq!(computed(&once.text, &path, &mut evaluator), (0, all));
     let twice =
         maquette::edit::inline(&path, &once.text, "model", catalog(), &Options::default()).unwrap();
-    assert_eq!(computed(&twice.text), (0, all));
+    assert_eq!(computed(&twice.text, &path, &mut evaluator), (0, all));
 }

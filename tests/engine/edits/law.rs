@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use maquette::{Change, Difference, Edit, Edited, Files, Graph, Options, Problem};
+use maquette::{Change, Difference, Edit, Edited, Files, Graph, Options};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
@@ -26,15 +26,17 @@ const WALK: usize = 8;
 pub(super) fn graphs() -> Vec<(PathBuf, String)> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let folders = [own].into_iter().chain(beside("graphs"));
-    let mut files = Vec::from_iter(folders.flat_map(|folder| ron_files(&folder)));
+    let mut files: Vec<_> = folders.flat_map(|folder| ron_files(&folder)).collect();
     files.sort();
-    let read = |path: PathBuf| {
-        let text = std::fs::read_to_string(&path).unwrap();
-        (path, text)
-    };
     // A lock file has the texts of graphs in it.
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
-    let graphs = files.into_iter().map(read).filter(|(_, text)| text.contains("Graph("));
+    let graphs = files
+        .into_iter()
+        .map(|path: PathBuf| {
+            let text = std::fs::read_to_string(&path).unwrap();
+            (path, text)
+        })
+        .filter(|(_, text)| text.contains("Graph("));
     graphs.collect()
 }
 
@@ -48,19 +50,25 @@ fn problems(path: &Path, text: &str) -> Vec<(&'static str, String)> {
 fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
     const NEW: [&str; 6] = ["new", "zz-top", "b-2", "nose", "grow", "Wrong"];
     let [a, b, c, d] = dice;
-    let nodes = Vec::from_iter(sketch.nodes.iter().map(|node| node.name.clone()));
-    let name = |from: &[String], dice: &Index| match from {
-        [] => "nothing".to_owned(),
-        from => dice.get(from).clone(),
-    };
-    let link = |dice: &Index| match (sketch.links.is_empty(), dice.index(4)) {
-        (false, 0..3) => dice.get(&sketch.links).1.clone(),
-        _ => name(&nodes, dice),
-    };
-    let output = |dice: &Index| match (sketch.outputs.is_empty(), dice.index(3)) {
-        (false, 0 | 1) => dice.get(&sketch.outputs).clone(),
-        _ => dice.get(&["new.ply", "new.png", "x.json", "mesh", "../x.ply"]).to_string(),
-    };
+    let nodes: Vec<_> = sketch.nodes.iter().map(|node| node.name.clone()).collect();
+    fn name(from: &[String], dice: &Index) -> String {
+        match from {
+            [] => "nothing".to_owned(),
+            from => dice.get(from).clone(),
+        }
+    }
+    fn link(dice: &Index, nodes: &[String], sketch_links: &[(String, String)]) -> String {
+        match (sketch_links.is_empty(), dice.index(4)) {
+            (false, 0..3) => dice.get(sketch_links).1.clone(),
+            _ => name(nodes, dice),
+        }
+    }
+    fn output(dice: &Index, sketch_outputs: &[String]) -> String {
+        match (sketch_outputs.is_empty(), dice.index(3)) {
+            (false, 0 | 1) => dice.get(sketch_outputs).clone(),
+            _ => dice.get(&["new.ply", "new.png", "x.json", "mesh", "../x.ply"]).to_string(),
+        }
+    }
     match kind {
         0 => {
             let node = (!sketch.nodes.is_empty()).then(|| a.get(&sketch.nodes));
@@ -77,12 +85,18 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
         }
         1 => {
             // Half of the time one that no other needs.
-            let needed = |name: &str| {
-                let is_it = |link: &str| link.split('.').next() == Some(name);
-                sketch.links.iter().any(|(_, link)| is_it(link))
-            };
-            let ends = sketch.nodes.iter().map(|node| &node.name).filter(|name| !needed(name));
-            let ends = Vec::from_iter(ends.map(|name| format!("nodes.{name}")));
+            fn needed(name: &str, sketch_links: &[(String, String)]) -> bool {
+                fn is_it(link: &str, name: &str) -> bool {
+                    link.split('.').next() == Some(name)
+                }
+                sketch_links.iter().any(|(_, link)| is_it(link, name))
+            }
+            let ends = sketch
+                .nodes
+                .iter()
+                .map(|node| &node.name)
+                .filter(|name| !needed(name, &sketch.links));
+            let ends: Vec<_> = ends.map(|name| format!("nodes.{name}")).collect();
             let among = if c.index(2) == 0 { &ends } else { &sketch.names };
             Edit::Remove { name: name(among, a), and_links: b.index(3) > 0 }
         }
@@ -97,10 +111,12 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
         3 => {
             let (port, _) = a.get(&sketch.links);
             // Most ports are of the same type as those of the same name.
-            let field = |port: &str| port.split('.').nth(1).map(str::to_owned);
+            fn field(port: &str) -> Option<String> {
+                port.split('.').nth(1).map(str::to_owned)
+            }
             let alike = sketch.links.iter().filter(|(other, _)| field(other) == field(port));
-            let alike = Vec::from_iter(alike.map(|(_, link)| link.clone()));
-            let to = if b.index(2) == 0 { name(&alike, c) } else { link(c) };
+            let alike: Vec<_> = alike.map(|(_, link)| link.clone()).collect();
+            let to = if b.index(2) == 0 { name(&alike, c) } else { link(c, &nodes, &sketch.links) };
             Edit::Link { port: port.clone(), to }
         }
         4 => {
@@ -124,7 +140,10 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
             let value = if d.index(4) > 0 { &c.get(&fitting)[..] } else { b.get(&ANY) };
             Edit::Set { target: target.clone(), value: value.to_owned() }
         }
-        _ => Edit::Output { name: output(a), to: (b.index(2) > 0).then(|| link(c)) },
+        _ => Edit::Output {
+            name: output(a, &sketch.outputs),
+            to: (b.index(2) > 0).then(|| link(c, &nodes, &sketch.links)),
+        },
     }
 }
 
@@ -162,7 +181,7 @@ fn in_common(old: &str, new: &str) -> usize {
 fn skeleton(text: &str) -> String {
     let pieces = text.split('"').enumerate();
     let outside = pieces.filter(|(index, _)| index % 2 == 0);
-    Vec::from_iter(outside.map(|(_, piece)| piece)).join("\"\"")
+    outside.map(|(_, piece)| piece).collect::<Vec<_>>().join("\"\"")
 }
 
 macro_rules! holds {
@@ -207,25 +226,33 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
             if is_new {
                 let common = in_common(old, new);
                 // A comma before a comment, and the entry behind it.
-                let comma = || is_within(old, new) && in_common(&old[common..], new) > 0;
-                holds!(common == old.len() || comma(), "more than added:\n{new}");
+                fn comma(common: usize, old: &str, new: &str) -> bool {
+                    is_within(old, new) && in_common(&old[common..], new) > 0
+                }
+                holds!(common == old.len() || comma(common, old, new), "more than added:\n{new}");
             }
         }
     }
     // What stands on lines of its own stays in the canonical form.
-    let form = |text: &str| maquette::edit::formatted(path, text).ok();
+    fn form(text: &str, path: &Path) -> Option<String> {
+        maquette::edit::formatted(path, text).ok()
+    }
     let of_nodes = match edit {
         Edit::Add { .. } => true,
         Edit::Remove { and_links, .. } => !and_links,
         _ => false,
     };
-    let is_joined = |text: &str| text.contains("params: { ") || text.contains("inputs: { ");
-    if of_nodes && form(old).as_deref() == Some(old) && !is_joined(old) {
-        let formed = form(new).unwrap_or_default();
+    fn is_joined(text: &str) -> bool {
+        text.contains("params: { ") || text.contains("inputs: { ")
+    }
+    if of_nodes && form(old, path).as_deref() == Some(old) && !is_joined(old) {
+        let formed = form(new, path).unwrap_or_default();
         // A shorter list of parameters or inputs may fit on one line, but what is left of it stays as it is.
         let is_joined = is_joined(&formed);
-        let from = |text: &str| text.find("\n    nodes:").filter(|_| is_joined).unwrap_or(0);
-        let (formed, new) = (&formed[from(&formed)..], &new[from(new)..]);
+        fn from(text: &str, is_joined: bool) -> usize {
+            text.find("\n    nodes:").filter(|_| is_joined).unwrap_or(0)
+        }
+        let (formed, new) = (&formed[from(&formed, is_joined)..], &new[from(new, is_joined)..]);
         holds!(formed == new, "no longer canonical:\n{new}");
     }
     judge_meaning(edit, old, &differences(path, old, new))
@@ -233,37 +260,50 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
 
 /// What the edit changes of what the graph says.
 fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), TestCaseError> {
-    let told = Vec::from_iter(found.iter().map(ToString::to_string)).join("\n");
-    let plain = |name: &str| name.rsplit('.').next().unwrap_or_default().to_owned();
+    let told = found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    fn plain(name: &str) -> String {
+        name.rsplit('.').next().unwrap_or_default().to_owned()
+    }
     // Expectations are compared as texts, which name what they speak of.
-    let is_expected = |found: &&Difference| found.field == "expect" && old.contains("expect:");
+    fn is_expected(found: &&Difference, old: &str) -> bool {
+        found.field == "expect" && old.contains("expect:")
+    }
     // What an output promises goes with it.
     let outputs_go = matches!(edit, Edit::Remove { .. } | Edit::Rename { .. });
     let is_promised =
         |found: &&Difference| outputs_go && found.field == "promises" && old.contains("promises:");
-    let found =
-        Vec::from_iter(found.iter().filter(|found| !is_expected(found) && !is_promised(found)));
-    let is_one = |change: Change, name: &str| match &found[..] {
-        [one] => one.change == change && one.name == name,
-        _ => false,
-    };
+    let found = found
+        .iter()
+        .filter(|found| !is_expected(found, old) && !is_promised(found))
+        .collect::<Vec<_>>();
+    fn is_one(change: Change, name: &str, found: &[&Difference]) -> bool {
+        match &found[..] {
+            [one] => one.change == change && one.name == name,
+            _ => false,
+        }
+    }
     let is_right = match edit {
-        Edit::Add { name, .. } => is_one(Change::Added, name) && found[0].what == "node",
+        Edit::Add { name, .. } => is_one(Change::Added, name, &found) && found[0].what == "node",
         Edit::Remove { name, and_links } => {
             let name = plain(name);
-            let (own, others): (Vec<_>, Vec<_>) = found
+            let (own, others): (Vec<&Difference>, Vec<&Difference>) = found
                 .iter()
                 .partition(|f| f.what != "output" && f.change == Change::Removed && f.name == name);
-            let go_along = |f: &&&&Difference| {
-                f.change == Change::Rewired || (f.what, f.change) == ("output", Change::Removed)
-            };
-            let others_go = others.iter().filter(go_along).count() == others.len();
+            let others_go = others
+                .iter()
+                .filter(|f| {
+                    f.change == Change::Rewired || (f.what, f.change) == ("output", Change::Removed)
+                })
+                .count()
+                == others.len();
             own.len() == 1 && if *and_links { others_go } else { others.is_empty() }
         }
         Edit::Rename { from, to } => {
             // What named the new name in vain means it now, in the same words.
-            let is_in_vain = |f: &Difference| f.before.is_some() && f.before == f.after;
-            match Vec::from_iter(found.iter().filter(|f| !is_in_vain(f)))[..] {
+            fn is_in_vain(f: &Difference) -> bool {
+                f.before.is_some() && f.before == f.after
+            }
+            match found.iter().filter(|f| !is_in_vain(f)).collect::<Vec<_>>()[..] {
                 [] => plain(from) == *to,
                 [one] => one.change == Change::Renamed && one.name == *to,
                 _ => false,
@@ -273,13 +313,12 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
             let (node, field) = port.split_once('.').unwrap_or_default();
             let field = field.split('.').next().unwrap_or_default();
             found.is_empty() && matches!(edit, Edit::Link { .. })
-                || is_one(Change::Rewired, node) && found[0].field.contains(field)
+                || is_one(Change::Rewired, node, &found) && found[0].field.contains(field)
         }
         Edit::Set { target, .. } => {
             let (node, field) = target.split_once('.').unwrap_or((target, "default"));
             let field = field.split('.').next().unwrap_or_default();
-            let is_own = |f: &&Difference| f.name == node && f.field.starts_with(field);
-            found.iter().all(is_own)
+            found.iter().all(|f| f.name == node && f.field.starts_with(field))
         }
         Edit::Output { name, .. } => {
             found.is_empty()
@@ -317,12 +356,12 @@ fn follow(
                 text = edited.text;
             }
             Err(problems) => {
-                let has_reason = |problem: &Problem| {
-                    !problem.message.is_empty()
-                        && problem.code.starts_with('G')
-                        && problem.span.end <= problem.source.text.len()
-                };
-                let all = !problems.is_empty() && problems.iter().all(has_reason);
+                let all = !problems.is_empty()
+                    && problems.iter().all(|problem| {
+                        !problem.message.is_empty()
+                            && problem.code.starts_with('G')
+                            && problem.span.end <= problem.source.text.len()
+                    });
                 if !all {
                     return Err(told(TestCaseError::fail(format!("no reason: {problems:?}"))));
                 }
@@ -334,7 +373,9 @@ fn follow(
 
 #[test]
 fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
-    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    fn number(name: &str) -> Option<u64> {
+        std::env::var(name).ok()?.parse::<u64>().ok()
+    }
     let edits = number("LAW_EDITS").unwrap_or(EDITS.into());
     let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
     let graphs = graphs();
@@ -352,7 +393,9 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
     });
     // The last edit tells all; those before it have only led to the text.
-    let told = |failure: String| failure.split("minimal failing").next().map(str::to_owned);
+    fn told(failure: String) -> Option<String> {
+        failure.split("minimal failing").next().map(str::to_owned)
+    }
     let failures: Vec<String> = failures.filter_map(|failure| told(failure.to_string())).collect();
     assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures.join("\n"));
     let counts = counts.into_inner().unwrap();

@@ -22,11 +22,11 @@ fn options() -> Options {
 
 /// Some nodes of a graph: a run of neighbors in the text, some that hang on each other, or any.
 fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
-    let names = Vec::from_iter(sketch.nodes.iter().map(|node| node.name.clone()));
+    let names: Vec<_> = sketch.nodes.iter().map(|node| node.name.clone()).collect();
     let count = rng.random_range(1..=names.len().min(6));
     let first = rng.random_range(0..names.len());
     match rng.random_range(0..3) {
-        0 => Vec::from_iter(names.iter().skip(first).take(count).cloned()),
+        0 => names.iter().skip(first).take(count).cloned().collect::<Vec<_>>(),
         1 => {
             let mut set = BTreeSet::from([names[first].clone()]);
             for _ in 0..4 * count {
@@ -34,7 +34,9 @@ fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
                     [] => break,
                     links => &links[rng.random_range(0..links.len())],
                 };
-                let node = |text: &str| text.split(['.', '/']).next().unwrap_or("").to_owned();
+                fn node(text: &str) -> String {
+                    text.split(['.', '/']).next().unwrap_or("").to_owned()
+                }
                 let ends = [node(port), node(link)];
                 let is_near = ends.iter().any(|end| set.contains(end));
                 if is_near && set.len() < count && ends.iter().all(|end| names.contains(end)) {
@@ -43,14 +45,17 @@ fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
             }
             set.into_iter().collect()
         }
-        _ => Vec::from_iter((0..count).map(|_| names[rng.random_range(0..names.len())].clone())),
+        _ => {
+            (0..count).map(|_| names[rng.random_range(0..names.len())].clone()).collect::<Vec<_>>()
+        }
     }
 }
 
 /// Whether nodes stand behind each other in the text.
 fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
-    let at = |name: &String| sketch.nodes.iter().position(|node| node.name == *name);
-    let places = BTreeSet::from_iter(nodes.iter().filter_map(at));
+    let places = BTreeSet::from_iter(
+        nodes.iter().filter_map(|name| sketch.nodes.iter().position(|node| node.name == *name)),
+    );
     places.last().zip(places.first()).is_some_and(|(last, first)| last - first < places.len())
 }
 
@@ -76,13 +81,16 @@ fn twice_spelled(text: &str, sketch: &Sketch) -> BTreeSet<String> {
 
 /// Problems with their files and places.
 pub(super) fn told(problems: &[Problem]) -> String {
-    let told = |problem: &Problem| {
-        let place = Place::of(&problem.source.text, problem.span.start);
-        let Problem { code, message, help, source, .. } = problem;
-        let file = source.name.file_name().unwrap_or_default().to_string_lossy();
-        format!("{code} {file}:{}:{} {message} ({help})", place.line, place.column)
-    };
-    Vec::from_iter(problems.iter().map(told)).join("\n")
+    problems
+        .iter()
+        .map(|problem| {
+            let place = Place::of(&problem.source.text, problem.span.start);
+            let Problem { code, message, help, source, .. } = problem;
+            let file = source.name.file_name().unwrap_or_default().to_string_lossy();
+            format!("{code} {file}:{}:{} {message} ({help})", place.line, place.column)
+        })
+        .collect::<Vec<_>>()
+        .join("\n")
 }
 
 fn graph(path: &Path, text: &str, options: &Options) -> Graph {
@@ -92,21 +100,28 @@ fn graph(path: &Path, text: &str, options: &Options) -> Graph {
 
 /// What must be true of nodes that were extracted.
 fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(), String> {
-    let holds = |what: bool, words: String| if what { Ok(()) } else { Err(words) };
+    fn holds(what: bool, words: String) -> Result<(), String> {
+        if what { Ok(()) } else { Err(words) }
+    }
     let after = &new.edited.text;
     let texts = || format!("{after}\n--- {}\n{}", new.path.display(), new.text);
-    let form = |text: &str| maquette::edit::formatted(path, text).unwrap();
-    holds(form(&new.text) == new.text, format!("the new graph has no form:\n{}", texts()))?;
+    fn form(text: &str, path: &Path) -> String {
+        maquette::edit::formatted(path, text).unwrap()
+    }
+    holds(form(&new.text, path) == new.text, format!("the new graph has no form:\n{}", texts()))?;
     // Links are longer than they were, so that what has them may no longer fit on its line; the use itself has its form.
-    let own = |text: &str| {
-        let start = text.find(&format!("        \"{}\": {}(", new.name, new.kind)).unwrap();
+    fn own(text: &str, name: &str, kind: &str) -> (usize, String) {
+        let start = text.find(&format!("        \"{name}\": {kind}(")).unwrap();
         let first = text[start..].lines().next().unwrap();
         let close = if first.ends_with('(') { "\n        ),\n" } else { "),\n" };
         let length = text[start..].find(close).unwrap() + close.len() - 3;
         (start, text[start..start + length].to_owned())
-    };
-    if form(text) == text {
-        holds(own(&form(after)).1 == own(after).1, format!("has no form:\n{}", texts()))?;
+    }
+    if form(text, path) == text {
+        holds(
+            own(&form(after, path), &new.name, &new.kind).1 == own(after, &new.name, &new.kind).1,
+            format!("has no form:\n{}", texts()),
+        )?;
     }
     // No comment is lost, and none is in both.
     let mut comments = Vec::from_iter(sketch::comments(after));
@@ -117,12 +132,12 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     holds(comments == known, format!("other comments:\n{}", texts()))?;
     // All lines that speak of other things are as they were.
     let lines = BTreeSet::<&str>::from_iter(text.lines());
-    let (start, entry) = own(after);
+    let (start, entry) = own(after, &new.name, &new.kind);
     let after_others = [&after[..start], &after[start + entry.len() + 3..]].concat();
     let other = after_others.lines().filter(|line| !lines.contains(line));
     let is_link =
         |line: &str| line.contains(&format!("\"{}", new.name)) || line.contains(&new.kind);
-    let odd = Vec::from_iter(other.filter(|line| !is_link(line)));
+    let odd: Vec<_> = other.filter(|line| !is_link(line)).collect();
     holds(odd.is_empty(), format!("{odd:?} is new in\n{}", texts()))?;
 
     let inside = options().with_text(&new.path, new.text.clone());
@@ -130,22 +145,29 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     let back = inlined.map_err(|found| format!("{}\n{}", told(&found), texts()))?.text;
     let sketch = Sketch::of(text);
     let twice = twice_spelled(text, &sketch);
-    let spelled = |text: &str| one_spelling(path, text, &twice);
+    fn spelled(text: &str, twice: &BTreeSet<String>, path: &Path) -> String {
+        one_spelling(path, text, twice)
+    }
     if is_run(&sketch, nodes) {
-        let same = spelled(&back) == spelled(text);
+        let same = spelled(&back, &twice, path) == spelled(text, &twice, path);
         holds(same, format!("is not what it was:\n{back}\n--- was\n{text}\n---{}", texts()))?;
-        let identity = |text: &str| graph(path, text, &options()).identity();
-        holds(identity(&back) == identity(text), format!("says something else:\n{back}"))?;
+        fn identity(text: &str, path: &Path) -> maquette::Hash {
+            graph(path, text, &options()).identity()
+        }
+        holds(
+            identity(&back, path) == identity(text, path),
+            format!("says something else:\n{back}"),
+        )?;
     } else {
         let found = differences(path, text, &back);
         holds(found.is_empty(), format!("{found:?}\n{back}\n--- was\n{text}"))?;
-        let sorted = |text: &str| {
-            let mut lines = Vec::from_iter(text.lines().map(str::to_owned));
+        fn sorted(text: &str) -> Vec<String> {
+            let mut lines: Vec<_> = text.lines().map(str::to_owned).collect();
             lines.retain(|line| !line.is_empty());
             lines.sort_unstable();
             lines
-        };
-        let same = sorted(&spelled(&back)) == sorted(&spelled(text));
+        }
+        let same = sorted(&spelled(&back, &twice, path)) == sorted(&spelled(text, &twice, path));
         holds(same, format!("other lines:\n{back}\n--- was\n{text}\n---{}", texts()))?;
     }
     Ok(())
@@ -153,17 +175,22 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
 
 #[test]
 fn what_is_extracted_comes_back_by_inlining() {
-    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    fn number(name: &str) -> Option<u64> {
+        std::env::var(name).ok()?.parse::<u64>().ok()
+    }
     let sets = number("LAW_SETS").unwrap_or(SETS);
     let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
     let graphs = law::graphs();
-    let sound = |(path, text): &&(PathBuf, String)| {
+    fn sound((path, text): &&(PathBuf, String)) -> bool {
         Graph::load_text(path, text.clone(), catalog(), &options()).graph.is_some()
             && text.contains("nodes:")
             && !text.trim_start().starts_with("Patch(")
-    };
-    let real = |(path, text): &(PathBuf, String)| (path.canonicalize().unwrap(), text.clone());
-    let graphs = Vec::from_iter(graphs.iter().filter(sound).map(real));
+    }
+    let graphs: Vec<_> = graphs
+        .iter()
+        .filter(sound)
+        .map(|(path, text)| (path.canonicalize().unwrap(), text.clone()))
+        .collect();
     let counts = Mutex::new((0, 0));
     let of_graph = |(index, (path, text)): (usize, &(PathBuf, String))| {
         let mut bytes = [0; 32];
@@ -186,8 +213,8 @@ fn what_is_extracted_comes_back_by_inlining() {
                 }
                 Err(found) => {
                     counts.lock().unwrap().1 += 1;
-                    let is_fault = |it: &Problem| it.help.contains("fault");
-                    let is_told = !found.is_empty() && !found.iter().any(is_fault);
+                    let is_told =
+                        !found.is_empty() && !found.iter().any(|it| it.help.contains("fault"));
                     if is_told { Ok(()) } else { Err(told(found)) }
                 }
             };

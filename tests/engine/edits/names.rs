@@ -33,7 +33,7 @@ fn a_name_is_changed_wherever_it_is_named() {
 #[test]
 fn the_names_in_uses_and_lists_and_choices_follow() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
-    let check = |file: &str, from: &str, to: &str, expected: &[(&str, &str)]| {
+    fn check(file: &str, from: &str, to: &str, expected: &[(&str, &str)], folder: &Path) {
         let path = folder.join(file);
         let text = std::fs::read_to_string(&path).unwrap();
         let mut replaced = text.clone();
@@ -42,32 +42,36 @@ fn the_names_in_uses_and_lists_and_choices_follow() {
             replaced = replaced.replace(old, new);
         }
         assert_eq!(edit(&path, &text, &[rename(from, to)]).unwrap().text, replaced);
-    };
+    }
     check(
         "face.ron",
         "nodes.nose",
         "first",
         &[("\"nose\": Feature", "\"first\": Feature"), ("\"nose.range\"", "\"first.range\"")],
+        &folder,
     );
     check(
         "face.ron",
         "params.nose",
         "far",
         &[("\"nose\": Number", "\"far\": Number"), ("Param(\"nose\")", "Param(\"far\")")],
+        &folder,
     );
     check(
         "face.ron",
         "nodes.eyes",
         "both",
         &[("\"eyes\": ForEach", "\"both\": ForEach"), ("\"eyes.range\"", "\"both.range\"")],
+        &folder,
     );
-    check("face.ron", "scan", "seen", &[("\"scan", "\"seen")]);
-    check("crowd.ron", "smooth", "fine", &[("\"smooth\"", "\"fine\"")]);
+    check("face.ron", "scan", "seen", &[("\"scan", "\"seen")], &folder);
+    check("crowd.ron", "smooth", "fine", &[("\"smooth\"", "\"fine\"")], &folder);
     check(
         "crowd.ron",
         "doll",
         "one",
         &[("\"doll\": Switch", "\"one\": Switch"), ("(mesh: \"doll\")", "(mesh: \"one\")")],
+        &folder,
     );
 }
 

@@ -23,7 +23,7 @@ fn of_target<'t>(sketch: &Sketch, target: &'t str) -> Option<(&'static Json, &'t
 
 /// The linked ports that may be left without their link: those that need none, and those of lists that have another.
 pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
-    let is_free = |port: &str| {
+    fn is_free(port: &str, sketch: &Sketch) -> Option<bool> {
         let (node, field) = of_target(sketch, port)?;
         let (field, in_list) = field.split_once('.').map_or((field, false), |it| (it.0, true));
         let ports = node["inputs"].as_array()?;
@@ -36,8 +36,8 @@ pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
             true => siblings.count() > 1,
             false => found["optional"] == true && found["many"] == false,
         })
-    };
-    let free = sketch.links.iter().filter(|(port, _)| is_free(port) == Some(true));
+    }
+    let free = sketch.links.iter().filter(|(port, _)| is_free(port, sketch) == Some(true));
     free.map(|(port, _)| port.clone()).collect()
 }
 
@@ -58,11 +58,13 @@ fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
         Some(path) => root.pointer(path.trim_start_matches('#'))?,
         None => field,
     };
-    let bound = |name: &str| field[name].as_f64();
+    fn bound(name: &str, field: &Json) -> Option<f64> {
+        field[name].as_f64()
+    }
     match schema["type"].as_str() {
         Some("boolean") => Some(vec!["true".into(), "false".into()]),
-        Some("number") => Some(numbers(bound("minimum"), bound("maximum"), false)),
-        Some("integer") => Some(numbers(bound("minimum"), bound("maximum"), true)),
+        Some("number") => Some(numbers(bound("minimum", field), bound("maximum", field), false)),
+        Some("integer") => Some(numbers(bound("minimum", field), bound("maximum", field), true)),
         _ => {
             let words = schema["enum"].as_array().into_iter().flatten();
             let choices = schema["oneOf"].as_array().into_iter().flatten();
@@ -76,16 +78,22 @@ fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
 fn of_parameter(declaration: &str) -> Option<Vec<String>> {
     let (kind, inside) = declaration.split_once('(')?;
     let fields = named(inside.strip_suffix(')')?);
-    let field = |name: &str| {
+    fn field(name: &str, fields: &[(String, String)]) -> Option<String> {
         let found = fields.iter().find(|(field, _)| field == name);
         found.map(|(_, value)| value.clone())
-    };
-    let bound = |name: &str| field(name)?.parse::<f64>().ok();
+    }
+    fn bound(name: &str, fields: &[(String, String)]) -> Option<f64> {
+        field(name, fields)?.parse::<f64>().ok()
+    }
     match kind {
-        "Number" | "Integer" => Some(numbers(bound("min"), bound("max"), kind == "Integer")),
+        "Number" | "Integer" => {
+            Some(numbers(bound("min", &fields), bound("max", &fields), kind == "Integer"))
+        }
         "Toggle" => Some(vec!["true".into(), "false".into()]),
-        "Choice" => Some(parts(field("of")?.trim_start_matches('[').trim_end_matches(']'))),
-        _ => Some(vec![field("default")?]),
+        "Choice" => {
+            Some(parts(field("of", &fields)?.trim_start_matches('[').trim_end_matches(']')))
+        }
+        _ => Some(vec![field("default", &fields)?]),
     }
 }
 
@@ -96,6 +104,8 @@ fn numbers(least: Option<f64>, most: Option<f64>, whole: bool) -> Vec<String> {
     let ends = [least, most].into_iter().flatten().filter(|end| end.abs() < 1e6);
     let numbers =
         ends.chain([0.5_f64, 1.0, 2.0, 5.0].into_iter().filter(|x| !whole || x.fract() == 0.0));
-    let text = |x: f64| if whole { format!("{x}") } else { format!("{x:?}") };
-    numbers.filter(inside).map(text).collect()
+    numbers
+        .filter(inside)
+        .map(|x: f64| if whole { format!("{x}") } else { format!("{x:?}") })
+        .collect()
 }

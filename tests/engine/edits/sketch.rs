@@ -51,7 +51,9 @@ impl Sketch {
         let fields = named(inside.strip_suffix(')').unwrap_or(inside));
         for (field, value) in &fields {
             let port = format!("{name}.{field}");
-            let is_text = |value: &str| value.starts_with('"') && value.len() > 2;
+            fn is_text(value: &str) -> bool {
+                value.starts_with('"') && value.len() > 2
+            }
             if is_text(value) {
                 self.links.push((port, value.trim_matches('"').to_owned()));
             } else if let Some(list) = value.strip_prefix('[').filter(|list| is_text(list)) {
@@ -90,15 +92,17 @@ pub(crate) fn parts(text: &str) -> Vec<String> {
 
 /// The same as names and values.
 pub(crate) fn named(text: &str) -> Vec<(String, String)> {
-    let pair = |part: String| {
-        let colon = match part.strip_prefix('"') {
-            Some(rest) => 2 + rest.find('"')?,
-            None => part.find(':')?,
-        };
-        let value = part[colon..].trim_start().strip_prefix(':')?;
-        Some((part[..colon].trim().to_owned(), value.trim().to_owned()))
-    };
-    parts(text).into_iter().filter_map(pair).collect()
+    parts(text)
+        .into_iter()
+        .filter_map(|part: String| {
+            let colon = match part.strip_prefix('"') {
+                Some(rest) => 2 + rest.find('"')?,
+                None => part.find(':')?,
+            };
+            let value = part[colon..].trim_start().strip_prefix(':')?;
+            Some((part[..colon].trim().to_owned(), value.trim().to_owned()))
+        })
+        .collect()
 }
 
 /// The comments of a text; none has quotes that are not closed on its line.
@@ -108,15 +112,16 @@ pub(crate) fn comments(text: &str) -> Vec<&str> {
 
 fn comment(line: &str) -> Option<&str> {
     let starts = line.match_indices("//").map(|(at, _)| at);
-    let outside = |at: &usize| line[..*at].matches('"').count().is_multiple_of(2);
-    let start = starts.into_iter().find(outside)?;
+    let start = starts.into_iter().find(|at| line[..*at].matches('"').count().is_multiple_of(2))?;
     Some(line[start..].trim_end())
 }
 
 fn without_comments(text: &str) -> String {
-    let line = |line: &str| match comment(line) {
-        Some(comment) => line[..line.len() - comment.len()].to_owned(),
-        None => line.to_owned(),
-    };
-    Vec::from_iter(text.lines().map(line)).join("\n")
+    text.lines()
+        .map(|line| match comment(line) {
+            Some(comment) => line[..line.len() - comment.len()].to_owned(),
+            None => line.to_owned(),
+        })
+        .collect::<Vec<_>>()
+        .join("\n")
 }

@@ -170,8 +170,9 @@ fn sealed(bytes: &[u8]) -> Vec<u8> {
     file.resize(bytes.len().next_multiple_of(PAGE), 0);
     for page in file.chunks_exact_mut(PAGE) {
         let (data, sum) = page.split_at_mut(PAGE - 4);
-        let fold = |sum: u32, _| (sum >> 1) ^ (0x82f6_3b78 * (sum & 1));
-        let crc = data.iter().fold(u32::MAX, |sum, &byte| (0..8).fold(sum ^ u32::from(byte), fold));
+        let crc = data.iter().fold(u32::MAX, |sum, &byte| {
+            (0..8).fold(sum ^ u32::from(byte), |sum: u32, _| (sum >> 1) ^ (0x82f6_3b78 * (sum & 1)))
+        });
         sum.copy_from_slice(&(!crc).to_be_bytes());
     }
     file

@@ -16,12 +16,16 @@ fn bad() -> Vec<Problem> {
 #[test]
 fn each_misfit_names_the_place_of_what_gives_the_value() {
     let found = bad().into_iter().map(|problem| {
-        let line = |at| Place::of(&problem.source.text, at).line;
+        fn line(at: usize, problem_source: &std::sync::Arc<maquette::Source>) -> usize {
+            Place::of(&problem_source.text, at).line
+        }
         let (span, words) = problem.note.clone().unwrap_or_else(|| panic!("{}", problem.message));
         let there = problem.source.text[span.start..span.end].to_owned();
-        (line(problem.span.start), line(span.start), there, words)
+        (line(problem.span.start, &problem.source), line(span.start, &problem.source), there, words)
     });
-    let own = |a, b, name: &str, words: &str| (a, b, format!("\"{name}\""), words.to_owned());
+    fn own(a: usize, b: usize, name: &str, words: &str) -> (usize, usize, String, String) {
+        (a, b, format!("\"{name}\""), words.to_owned())
+    }
     assert_eq!(
         Vec::from_iter(found),
         [
@@ -66,25 +70,38 @@ fn what_is_far_away_is_shown_in_a_part_of_its_own() {
 #[test]
 fn an_end_in_another_file_is_told_in_words() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("ball.obj", "");
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    write("ball.obj", "", &folder);
     write(
         "whole.ron",
         "Graph(format: 1, nodes: {\n\"ball\": ReadMesh(path: \"ball.obj\"), \"out\": Transform(mesh: \"ball\")}, outputs: {\"a.ply\": \"out\"})",
+        &folder,
     );
     write(
         "patch.ron",
         "Patch(format: 1, of: \"whole.ron\", nodes: {\"out\": (mesh: \"ball.mesh\")})",
+        &folder,
     );
     assert_eq!(problems(&folder.path().join("patch.ron")), []);
-    write("points.xyz", "0 0 0\n");
+    write("points.xyz", "0 0 0\n", &folder);
     let whole = std::fs::read_to_string(folder.path().join("whole.ron")).unwrap();
-    write("whole.ron", &whole.replace("\"out\"", "\"mask\": Foreground(range: \"out\"), \"out\""));
+    write(
+        "whole.ron",
+        &whole.replace("\"out\"", "\"mask\": Foreground(range: \"out\"), \"out\""),
+        &folder,
+    );
     write(
         "whole.ron",
         "Graph(format: 1, nodes: {\n\"ball\": ReadMesh(path: \"ball.obj\"), \"dots\": ReadPoints(path: \"points.xyz\"), \"out\": Subdivide(mesh: \"ball\", scheme: Loop)}, outputs: {\"a.ply\": \"out\", \"b.ply\": \"dots\"})",
+        &folder,
     );
-    write("patch.ron", "Patch(format: 1, of: \"whole.ron\", nodes: {\"out\": (mesh: \"dots\")})");
+    write(
+        "patch.ron",
+        "Patch(format: 1, of: \"whole.ron\", nodes: {\"out\": (mesh: \"dots\")})",
+        &folder,
+    );
     let found = problems(&folder.path().join("patch.ron"));
     assert_eq!(found[0].code, "G012", "{found:?}");
     assert!(found[0].source.name.ends_with("patch.ron"), "{found:?}");

@@ -14,15 +14,21 @@ const LIB: &str = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, node
 /// A run of so many graphs, one after the other; `all` is what each of them merges.
 fn run(count: usize, all: &str, first: &str) -> (Finished, Duration) {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("two.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n");
-    write("lib.ron", &LIB.replace("ALL", all));
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    write(
+        "two.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n",
+        &folder,
+    );
+    write("lib.ron", &LIB.replace("ALL", all), &folder);
     let chain = (1..=count).map(|at| format!("\"n{at}\": Lib(mesh: \"n{}\"),\n", at - 1));
     let chain = String::from_iter(chain);
     let text = format!(
         "Graph(format: 1, use: {{ \"Lib\": \"lib.ron\" }}, nodes: {{ {first}, {chain} }}, outputs: {{ \"all.ply\": \"n{count}\" }})"
     );
-    write("graph.ron", &text);
+    write("graph.ron", &text, &folder);
     let mut session =
         Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap();
     let checked = session.load(&folder.path().join("graph.ron"), &Options::default());
@@ -41,7 +47,7 @@ fn faces(done: &Finished) -> usize {
 
 #[test]
 fn a_chain_four_times_as_long_takes_some_four_times_as_long() {
-    let best = |count| {
+    fn best(count: usize) -> Duration {
         let runs = (0..3).map(|_| run(count, "\"each\"", TWO));
         runs.map(|(done, time)| {
             assert_eq!(faces(&done), 2);
@@ -49,7 +55,7 @@ fn a_chain_four_times_as_long_takes_some_four_times_as_long() {
         })
         .min()
         .unwrap()
-    };
+    }
     let (short, long) = (best(60), best(240));
     assert!(long < 9 * short, "{short:?}, {long:?}");
 }
@@ -67,7 +73,7 @@ fn counts_that_are_guessed_wrongly_are_found_out() {
 fn behind_what_fails_one_example_stands_for_all() {
     let first = r#""in": ReadMesh(path: "two.obj"), "before": Lib(mesh: "in"), "n0": Reconstruct(points: ["before"], skin: Open, spacing: 1e40)"#;
     let (done, _) = run(2, "\"each\"", first);
-    let names = Vec::from_iter(done.trace().0.iter().map(|node| node.name.clone()));
+    let names: Vec<_> = done.trace().0.iter().map(|node| node.name.clone()).collect();
     assert!(names.contains(&"before/each/2".to_owned()), "{names:?}");
     let behind = names.iter().filter(|name| name.starts_with("n1/each/"));
     assert_eq!(Vec::from_iter(behind), ["n1/each/mesh", "n1/each/*"], "{names:?}");

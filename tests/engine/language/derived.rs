@@ -29,7 +29,7 @@ fn moved(text: &str, options: &Options) -> Result<String, Vec<Problem>> {
     let graph = checked.graph.ok_or(checked.problems)?;
     let nodes = graph.nodes().iter();
     let found = nodes.map(|node| node.node.parameters().unwrap()["translate"][0].to_string());
-    Ok(Vec::from_iter(found.filter(|it| it != "null")).join(" "))
+    Ok(found.filter(|it| it != "null").collect::<Vec<_>>().join(" "))
 }
 
 fn set(values: &[(&str, &str)]) -> Options {
@@ -40,14 +40,14 @@ fn set(values: &[(&str, &str)]) -> Options {
 #[test]
 fn a_default_follows_what_it_is_computed_from() {
     let text = graph(WIDE, "Param(\"half\")");
-    let check = |values: &[(&str, &str)], expected: &str| {
+    fn check(values: &[(&str, &str)], expected: &str, text: &str) {
         assert_eq!(moved(&text, &set(values)).unwrap(), expected, "{values:?}");
-    };
-    check(&[], "6.0");
-    check(&[("width", "4")], "3.0");
-    check(&[("width", "cm(0.4)")], "3.0");
-    check(&[("half", "2")], "2.0");
-    check(&[("half", "2"), ("width", "99")], "2.0");
+    }
+    check(&[], "6.0", &text);
+    check(&[("width", "4")], "3.0", &text);
+    check(&[("width", "cm(0.4)")], "3.0", &text);
+    check(&[("half", "2")], "2.0", &text);
+    check(&[("half", "2"), ("width", "99")], "2.0", &text);
     let wrong = moved(&text, &set(&[("width", "99")])).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 50.5 mm, but must be at most 9 mm");
 }
@@ -138,12 +138,12 @@ fn outer(fields: &str) -> String {
 #[test]
 fn each_use_has_its_own_values() {
     let options = Options::default().with_text("nowhere/lift.ron", INNER.to_owned());
-    let check = |fields: &str, expected: &str| {
+    fn check(fields: &str, expected: &str, options: &Options) {
         assert_eq!(moved(&outer(fields), &options).unwrap(), expected, "{fields}");
-    };
-    check("", "5.0");
-    check(", width: 6", "3.0");
-    check(", width: 6, half: 5.0", "5.0");
+    }
+    check("", "5.0", &options);
+    check(", width: 6", "3.0", &options);
+    check(", width: 6, half: 5.0", "5.0", &options);
     let wrong = moved(&outer(", width: 60"), &options).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 30, but must be at most 9");
     assert_eq!(wrong[0].uses[0].name, "up");
@@ -168,10 +168,22 @@ fn names_in_defaults_are_names() {
     let text = graph(WIDE, "Param(\"half\")");
     let path = Path::new("graph.ron");
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let edit = |edit: Edit| maquette::edit::edit(path, &text, &[edit], &catalog(), &options);
-    let renamed = edit(Edit::Rename { from: "width".into(), to: "wide".into() }).unwrap().text;
+    fn edit(
+        edit: Edit,
+        path: &Path,
+        text: &str,
+        options: &Options,
+    ) -> Result<maquette::Edited, Vec<Problem>> {
+        maquette::edit::edit(path, text, &[edit], &catalog(), options)
+    }
+    let renamed =
+        edit(Edit::Rename { from: "width".into(), to: "wide".into() }, path, &text, &options)
+            .unwrap()
+            .text;
     assert!(renamed.contains("Expr(\"wide / 2 + 1\")"), "{renamed}");
-    let refused = edit(Edit::Remove { name: "width".into(), and_links: false }).unwrap_err();
+    let refused =
+        edit(Edit::Remove { name: "width".into(), and_links: false }, path, &text, &options)
+            .unwrap_err();
     assert_eq!(refused[0].message, "`width` cannot be removed: `half` needs it");
     let nodes = vec!["moved".to_owned()];
     let wish = Extraction { nodes, to: Some("part.ron".into()), ..Extraction::default() };

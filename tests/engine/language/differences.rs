@@ -6,7 +6,9 @@ use maquette::{Catalog, Graph, Source};
 use maquette_nodes::PACKS;
 
 fn differences(old: &str, new: &str) -> Vec<String> {
-    let source = |text: &str| Source { name: PathBuf::from("graph.ron"), text: text.to_owned() };
+    fn source(text: &str) -> Source {
+        Source { name: PathBuf::from("graph.ron"), text: text.to_owned() }
+    }
     let found = Graph::differences(&source(old), &source(new), &Catalog::new(PACKS)).unwrap();
     found.iter().map(ToString::to_string).collect()
 }
@@ -50,19 +52,20 @@ const READS: &str = r#"Graph(
 fn differences_in_a_project(name: &str, text: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     let project = std::fs::canonicalize(folder.path()).unwrap();
-    let write = |name: &str, text: &str| {
+    fn write(name: &str, text: &str, project: &std::path::Path) -> Source {
         let path = project.join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, text).unwrap();
         Source { name: path, text: text.to_owned() }
-    };
-    write("maquette.toml", "");
+    }
+    write("maquette.toml", "", &project);
     write(
         "lib/up.ron",
         r#"Graph(format: 1, inputs: { "mesh": Mesh() },
             nodes: { "up": Transform(mesh: "mesh") }, outputs: { "mesh": "up" })"#,
+        &project,
     );
-    let (old, new) = (write("graph.ron", READS), write(name, text));
+    let (old, new) = (write("graph.ron", READS, &project), write(name, text, &project));
     let found = Graph::differences_with_uses(&old, &new, &Catalog::new(PACKS)).unwrap();
     let back = Graph::differences_with_uses(&new, &old, &Catalog::new(PACKS)).unwrap();
     assert_eq!(found.len(), back.len(), "{back:?}");
@@ -109,7 +112,7 @@ fn differences_of_checkouts(library: Option<&str>, other_library: Option<&str>) 
         "a": L(), "b": L(up_step: 2.0), "c": L(up_step: 3.0),
     }, outputs: { "a.ply": "a", "b.ply": "b", "c.ply": "c" })"#;
     let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
-    let checkout = |folder: &tempfile::TempDir, library: Option<&str>| {
+    fn checkout(folder: &tempfile::TempDir, library: Option<&str>) -> Source {
         let name = folder.path().join("graph.ron");
         std::fs::write(folder.path().join("maquette.toml"), "").unwrap();
         std::fs::write(&name, GRAPH).unwrap();
@@ -117,7 +120,7 @@ fn differences_of_checkouts(library: Option<&str>, other_library: Option<&str>) 
             std::fs::write(folder.path().join("lib.ron"), library).unwrap();
         }
         Source { name, text: GRAPH.to_owned() }
-    };
+    }
     let (old, new) = (checkout(&folders[0], library), checkout(&folders[1], other_library));
     let found = Graph::differences_with_uses(&old, &new, &Catalog::new(PACKS)).unwrap();
     found.iter().map(ToString::to_string).collect()

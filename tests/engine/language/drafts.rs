@@ -52,9 +52,9 @@ fn a_final_run_never_reads_what_a_draft_gave() {
     let last = run(&mut session, &options(false));
     assert_eq!(last.0, 16 * draft.0);
     assert_ne!(draft.1, last.1);
-    let computed = |states: &[(String, State)], name: &str| {
+    fn computed(states: &[(String, State)], name: &str) -> bool {
         states.iter().any(|(known, state)| known == name && *state == State::Computed)
-    };
+    }
     // What no Draft shapes is the same; all else was computed anew.
     assert!(computed(&draft.2, "plain") && !computed(&last.2, "plain"));
     assert!(computed(&last.2, "skin") && computed(&last.2, "moved"));
@@ -74,7 +74,9 @@ fn a_draft_stands_in_lists_structs_defaults_and_elements() {
     let elements =
         |graph: &Graph| graph.node_names().filter(|name| name.starts_with("many/")).count();
     assert_eq!((elements(&draft), elements(&last)), (1, 2));
-    let default = |graph: &Graph| graph.schema()["properties"]["levels"]["default"].clone();
+    fn default(graph: &Graph) -> serde_json::Value {
+        graph.schema()["properties"]["levels"]["default"].clone()
+    }
     assert_eq!((default(&draft), default(&last)), (1.into(), 3.into()));
 }
 
@@ -113,12 +115,16 @@ fn set_changes_the_final_value_or_that_of_drafts_or_the_whole() {
 fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
     let text = TEXT.replace("Draft(final: 3, draft: 1)", "3");
     assert_ne!(text, TEXT);
-    let edit = |target: &str, value: &str| {
+    fn edit(
+        target: &str,
+        value: &str,
+        text: &str,
+    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
-        maquette::edit::edit(&path(), &text, &[edit], &Catalog::new(PACKS), &options)
-    };
-    let edited = edit("levels", "0").unwrap();
+        maquette::edit::edit(&path(), text, &[edit], &Catalog::new(PACKS), &options)
+    }
+    let edited = edit("levels", "0", &text).unwrap();
     assert!(edited.text.contains("default: Draft(final: 3, draft: 0)"), "{}", edited.text);
     assert_eq!(edited.changes[0].before.as_deref(), Some("3"));
     assert_eq!(edited.changes[0].after, "Draft(final: 3, draft: 0)");
@@ -127,16 +133,17 @@ fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
 #[test]
 fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| {
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) -> PathBuf {
         std::fs::write(folder.path().join(name), text).unwrap();
         folder.path().join(name)
-    };
+    }
     write(
         "lib.ron",
         r#"Graph(format: 1, inputs: { "mesh": Mesh() },
             params: { "steps": Integer(default: Draft(final: 3, draft: 1)), "file": Text(default: "a.obj") },
             nodes: { "a": ReadMesh(path: Param("file")), "s": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("steps")) },
             outputs: { "s": "s", "a": "a" })"#,
+        &folder,
     );
     let text = r##"Graph(format: 1, use: { "Fine": "lib.ron" }, nodes: {
         "picture": ReadImage(path: "a.png"),
@@ -147,14 +154,18 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         "all": ForEach(graph: "Fine", over: [(), (steps: 2)], with: (mesh: "doll")),
         "some": ForEach(graph: "Transform", over: [()], with: (mesh: "doll", scale: (2, 2, 2))),
     })"##;
-    let graph = write("graph.ron", text);
-    let patch = write("patch.ron", "Patch(format: 1, of: \"graph.ron\")");
-    let edit = |path: &Path, target: &str, value: &str| {
+    let graph = write("graph.ron", text, &folder);
+    let patch = write("patch.ron", "Patch(format: 1, of: \"graph.ron\")", &folder);
+    fn edit(
+        path: &Path,
+        target: &str,
+        value: &str,
+    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
         let text = std::fs::read_to_string(path).unwrap();
         maquette::edit::edit(path, &text, &[edit], &Catalog::new(PACKS), &options)
-    };
+    }
     for (target, value, put) in [
         ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
         ("red.invert", "true", "invert: Draft(final: false, draft: true)"),
@@ -189,30 +200,34 @@ fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
     let folder = tempfile::tempdir().unwrap();
     let text = TEXT.replace("Draft(final: 3, draft: 1)", "3").replace("../doll", "doll");
     std::fs::write(folder.path().join("base.ron"), text).unwrap();
-    let patch = |rest: &str| format!("Patch(format: 1, of: \"base.ron\"{rest})");
+    fn patch(rest: &str) -> String {
+        format!("Patch(format: 1, of: \"base.ron\"{rest})")
+    }
     let edit = Edit::Set { target: "levels".into(), value: "0".into() };
     let options = Options { draft: true, ..Options::default() };
     let path = folder.path().join("patch.ron");
-    let edited = |text: &str| {
+    fn edited(text: &str, path: &Path, edit: &Edit, options: &Options) -> String {
         let edited = maquette::edit::edit(
-            &path,
+            path,
             text,
-            std::slice::from_ref(&edit),
+            std::slice::from_ref(edit),
             &Catalog::new(PACKS),
-            &options,
+            options,
         );
         edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
-    };
-    let own = edited(&patch(", params: { \"levels\": 2 }"));
+    }
+    let own = edited(&patch(", params: { \"levels\": 2 }"), &path, &edit, &options);
     assert!(own.contains("\"levels\": Draft(final: 2, draft: 0)"), "{own}");
-    let base = edited(&patch(""));
+    let base = edited(&patch(""), &path, &edit, &options);
     assert!(base.contains("\"levels\": Draft(final: 3, draft: 0)"), "{base}");
 }
 
 #[test]
 fn fmt_and_diff_keep_a_draft_and_tell_what_changed_in_it() {
     let text = set("moved.scale.draft.1", "7", false);
-    let source = |text: &str| Source { name: path(), text: text.to_owned() };
+    fn source(text: &str) -> Source {
+        Source { name: path(), text: text.to_owned() }
+    }
     let differences = Graph::differences(&source(TEXT), &source(&text), &Catalog::new(PACKS));
     let told = format!("{:?}", differences.unwrap());
     assert!(told.contains("scale") && told.contains('7'), "{told}");

@@ -152,7 +152,7 @@ fn one_of_20_elements_changed_runs_one_body() {
     let mut labels = vec![0; 10];
     labels.extend(spots(&rest).get::<Labels>().unwrap().pixels());
     let fewer = AnyValue::new(Labels::new(200, 1, labels).unwrap());
-    let before = Vec::from_iter((0..20).map(|k| f64::from(10 * k + if k == 6 { 2 } else { 1 })));
+    let before: Vec<_> = (0..20).map(|k| f64::from(10 * k + if k == 6 { 2 } else { 1 })).collect();
     let fewer = run(&mut session, &graph, "labels", fewer);
     assert_eq!(along_x(&fewer, "all")[5], before[6]);
     assert_eq!(along_x(&fewer, "all").len(), 19);
@@ -193,7 +193,9 @@ fn who_looks_at_one_node_forgets_no_element() {
     let known = then(None);
     assert!(known[0].contains("does not run"), "{known:?}");
     // A busy machine may have taken so long for it that it was kept on disk.
-    let is_known = |why: &str| why.contains("does not run") || why.contains("too little work");
+    fn is_known(why: &str) -> bool {
+        why.contains("does not run") || why.contains("too little work")
+    }
     assert!(is_known(&known[1]), "{known:?}");
     then(Some(Wanted::Nodes(vec!["one".into()])));
     assert_eq!(then(None), known);
@@ -232,11 +234,17 @@ fn names_are_those_of_a_list_and_each_element_can_be_had() {
 #[test]
 fn a_component_is_the_picture_without_the_others() {
     let (width, height) = (300, 70);
-    let label = |at: usize| match [at % width, at / width] {
-        [x, y] if x % 50 < 30 && y % 30 < 20 => (x / 50 + y / 30 * 6 + 1) as u32,
-        _ => 0,
-    };
-    let labels = Labels::new(width, height, (0..width * height).map(label).collect()).unwrap();
+    let labels = Labels::new(
+        width,
+        height,
+        (0..width * height)
+            .map(|at: usize| match [at % width, at / width] {
+                [x, y] if x % 50 < 30 && y % 30 < 20 => (x / 50 + y / 30 * 6 + 1) as u32,
+                _ => 0,
+            })
+            .collect(),
+    )
+    .unwrap();
     let count = labels.statistics().len() as u32;
     let alone = (1..=count).map(|number| {
         let pixels = labels.pixels().iter().map(|&label| u32::from(label == number));
@@ -255,7 +263,7 @@ fn a_component_is_the_picture_without_the_others() {
 
 #[test]
 fn a_number_says_how_many_there_are_when_the_graph_is_read() {
-    let counted = |default: u32| {
+    fn counted(default: u32) -> Graph {
         graph(&format!(
             r#"params: {{ "count": Integer(default: {default}, min: 0, max: 9) }},
             nodes: {{
@@ -264,14 +272,14 @@ fn a_number_says_how_many_there_are_when_the_graph_is_read() {
             }},
             outputs: {{}}"#
         ))
-    };
-    let names = Vec::from_iter(counted(3).node_names().map(str::to_owned));
+    }
+    let names: Vec<_> = counted(3).node_names().map(str::to_owned).collect();
     assert_eq!(names, ["steps/1", "steps/2", "steps/3", "all"]);
     for count in [0, 1, 4] {
         let wanted = Wanted::Named(vec!["all".into()]);
         let run = Run { wanted, ..Run::default() };
         let found = session().run(&counted(count), &run).unwrap();
-        assert_eq!(along_x(&found, "all"), Vec::from_iter((1..=count).map(f64::from)));
+        assert_eq!(along_x(&found, "all"), (1..=count).map(f64::from).collect::<Vec<_>>());
     }
 }
 
@@ -285,10 +293,10 @@ fn what_is_carried_goes_from_element_to_element_and_through_none() {
         },
         outputs: { "sum": "sum" }"#,
     );
-    let cloud = |xs: &[f64]| {
+    fn cloud(xs: &[f64]) -> AnyValue {
         let points = xs.iter().map(|&x| Point3::new(x, 0.0, 0.0)).collect::<Vec<_>>();
         AnyValue::new(Points::new(points).unwrap())
-    };
+    }
     let mut session = session();
     for xs in [&[1.0, 2.0, 3.0][..], &[], &[5.0]] {
         let found = run(&mut session, &graph, "cloud", cloud(xs));
@@ -315,7 +323,7 @@ fn parts_and_holes_of_a_mesh_are_gone_over() {
         outputs: { "corners": "corners", "rims": "rims" }"#,
     );
     let positions =
-        Vec::from_iter((0..6).map(|k| Point3::new(f64::from(k), f64::from(k * k), 0.0)));
+        (0..6).map(|k| Point3::new(f64::from(k), f64::from(k * k), 0.0)).collect::<Vec<_>>();
     let mesh = Mesh::new(positions, Faces::triangles(vec![[3, 4, 5], [0, 1, 2]])).unwrap();
     let found = run(&mut session(), &graph, "mesh", AnyValue::new(mesh));
     assert_eq!(along_x(&found, "corners"), [3.0, 0.0]);
@@ -359,7 +367,7 @@ fn loops_go_over_what_loops_give_and_stand_in_each_other() {
     let (mut session, graph) = (session(), folder.load());
     for count in [2, 0, 3, 1] {
         let found = run(&mut session, &graph, "labels", spots(&vec![1; count]));
-        let all = Vec::from_iter((0..count).map(|k| 10.0 * k as f64));
+        let all: Vec<_> = (0..count).map(|k| 10.0 * k as f64).collect();
         let grown = all.iter().flat_map(|&x| [vec![x], all.clone()].concat());
         assert_eq!(along_x(&found, "all"), Vec::from_iter(grown));
     }
@@ -388,7 +396,7 @@ fn an_element_that_is_not_there_is_an_error_at_its_link_with_the_count() {
 
 #[test]
 fn more_elements_than_allowed_are_an_error_with_their_number() {
-    let limited = |most: &str| {
+    fn limited(most: &str) -> Graph {
         graph(&format!(
             r#"inputs: {{ "labels": Labels() }},
             nodes: {{
@@ -397,7 +405,7 @@ fn more_elements_than_allowed_are_an_error_with_their_number() {
             }},
             outputs: {{ "all": "all" }}"#
         ))
-    };
+    }
     let found = run(&mut session(), &limited(", most: 2"), "labels", spots(&[1, 1, 1]));
     let why = "`labels` has 3 elements, but ForEach takes 2 at most: `most: 3` lets it have them";
     assert_eq!(messages(&found), [format!("`spots/labels` cannot be computed: {why}")]);
@@ -442,7 +450,7 @@ fn data_that_fail_are_told_once() {
 
 #[test]
 fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
-    let links = |node: &str| {
+    fn links(node: &str) -> usize {
         let nodes = r#"nodes: { "one": Along(at: 1), "sum": NODE, "all": Collect(points: "sum") }, outputs: { "all.ply": "all" }"#;
         maquette::diagram::to_svg(
             &graph(&nodes.replace("NODE", node)),
@@ -450,7 +458,7 @@ fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
         )
         .matches("<path")
         .count()
-    };
+    }
     let each = r#"ForEach(graph: "Add", over: "one", each: "point", links: (sum: "one"))"#;
     assert_eq!(links(each), links(r#"Add(sum: "one", point: "one")"#));
 }

@@ -28,11 +28,12 @@ fn set(path: &Path, target: &str, value: &str) -> Result<(String, String), Strin
     let text = std::fs::read_to_string(path).unwrap();
     let edited =
         maquette::edit::edit(path, &text, &[edit], &Catalog::new(PACKS), &Options::default());
-    let said = |problems: Vec<maquette::Problem>| {
-        assert_eq!(problems.len(), 1, "{problems:?}");
-        format!("{} ({})", problems[0].message, problems[0].help)
-    };
-    edited.map(|it| (it.text, it.changes[0].target.clone())).map_err(said)
+    edited.map(|it| (it.text, it.changes[0].target.clone())).map_err(
+        |problems: Vec<maquette::Problem>| {
+            assert_eq!(problems.len(), 1, "{problems:?}");
+            format!("{} ({})", problems[0].message, problems[0].help)
+        },
+    )
 }
 
 #[test]
@@ -80,18 +81,20 @@ fn what_has_no_place_in_the_file_says_where_it_is_set() {
 fn a_patch_knows_the_elements_of_a_list() {
     let folder = folder();
     let path = folder.path().join("patch.ron");
-    let text = |entry: &str| format!(r#"Patch(format: 1, of: "graph.ron", nodes: {{ {entry} }})"#);
-    let load = |entry: &str| {
-        std::fs::write(&path, text(entry)).unwrap();
-        Graph::load(&path, &Catalog::new(PACKS), &Options::default())
-    };
-    let by_name = load(r#""c/1": (scale: (2, 2, 2))"#);
+    fn text(entry: &str) -> String {
+        format!(r#"Patch(format: 1, of: "graph.ron", nodes: {{ {entry} }})"#)
+    }
+    fn load(entry: &str, path: &Path) -> maquette::Checked {
+        std::fs::write(path, text(entry)).unwrap();
+        Graph::load(path, &Catalog::new(PACKS), &Options::default())
+    }
+    let by_name = load(r#""c/1": (scale: (2, 2, 2))"#, &path);
     assert!(by_name.graph.is_some(), "{:?}", by_name.problems);
-    let wrong = load(r#""parts/1": (scale: (2, 2, 2))"#).problems;
+    let wrong = load(r#""parts/1": (scale: (2, 2, 2))"#, &path).problems;
     assert_eq!(wrong.len(), 1, "{wrong:?}");
     assert!(wrong[0].help.contains("parts.with.scale=VALUE"), "{wrong:?}");
     assert_eq!(&wrong[0].source.text[wrong[0].span.start..][..9], "\"parts/1\"");
-    load("");
+    load("", &path);
     let (now, target) = set(&path, "c/1.scale", "(2, 2, 2)").unwrap();
     assert_eq!(target, "c.over.0.scale");
     assert_eq!(now, text(r#""c.over.0": (scale: (2, 2, 2))"#));

@@ -50,11 +50,13 @@ impl Place {
 
     /// What is said of a graph beside what it uses.
     fn load(&self, up: &str, using: &str) -> Result<Graph, Vec<Problem>> {
-        let path = |name: &str| self.0.path().join(name);
+        fn path(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
+            folder.path().join(name)
+        }
         let catalog = Catalog::new(maquette_nodes::PACKS);
-        let options = Options::default().with_text(path("up.ron"), up);
-        let options = options.with_text(path("a.ron"), using);
-        let checked = Graph::load(&path("a.ron"), &catalog, &options);
+        let options = Options::default().with_text(path("up.ron", &self.0), up);
+        let options = options.with_text(path("a.ron", &self.0), using);
+        let checked = Graph::load(&path("a.ron", &self.0), &catalog, &options);
         checked.graph.filter(|graph| graph.unused().is_empty()).ok_or(checked.problems)
     }
 }
@@ -87,7 +89,7 @@ fn a_mistake_in_a_field_speaks_of_the_field() {
         "eye_step: \"x\"",
     );
     let problems = place.load(UP, &using).err().unwrap();
-    let said = Vec::from_iter(problems.iter().map(|it| (&it.message[..], &it.help[..])));
+    let said: Vec<_> = problems.iter().map(|it| (&it.message[..], &it.help[..])).collect();
     assert_eq!(
         said,
         [
@@ -132,13 +134,25 @@ fn edits_write_fields_and_understand_them() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let options = Options::default().with_text(place.0.path().join("up.ron"), UP);
     let plain = USING.replace(", other_one: \"m\", eye_step: Param(\"eye-step\")", "");
-    let edit = |text: &str, edits: &[Edit]| {
-        maquette::edit::edit(&path, text, edits, &catalog, &options).unwrap().text
-    };
-    let set = edit(&plain, &[Edit::Set { target: "up.eye_step".into(), value: "3.5".into() }]);
+    fn edit(
+        text: &str,
+        edits: &[Edit],
+        path: &std::path::Path,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> String {
+        maquette::edit::edit(path, text, edits, catalog, options).unwrap().text
+    }
+    let set = edit(
+        &plain,
+        &[Edit::Set { target: "up.eye_step".into(), value: "3.5".into() }],
+        &path,
+        &catalog,
+        &options,
+    );
     assert!(set.contains("Up(the_mesh: \"m\", eye_step: 3.5)"), "{set}");
     let link = Edit::Link { port: "up.other_one".into(), to: "m".into() };
-    let linked = edit(&plain, &[link]);
+    let linked = edit(&plain, &[link], &path, &catalog, &options);
     assert!(linked.contains("Up(the_mesh: \"m\", other_one: \"m\")"), "{linked}");
     std::fs::write(place.0.path().join("up.ron"), UP).unwrap();
     let inlined = maquette::edit::inline(&path, USING, "up", &catalog, &options).unwrap().text;

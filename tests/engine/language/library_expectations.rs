@@ -185,7 +185,8 @@ fn alone_as_a_function_it_expects_the_same() {
         let files = [("mesh".to_owned(), project.path(file))];
         let (inputs, _) = project.session.read_inputs(&cap, &files).unwrap();
         let run = project.session.run(&cap, &Run { inputs, ..Run::default() }).unwrap();
-        let told = Vec::from_iter(run.problems().iter().map(|it| line(it, project.folder.path())));
+        let told: Vec<_> =
+            run.problems().iter().map(|it| line(it, project.folder.path())).collect();
         assert_eq!(told.len(), expected, "{told:#?}");
         assert!(told.iter().all(|it| it.starts_with("cap.ron:")), "{told:#?}");
         assert!(run.get::<Mesh>("skin").is_ok());

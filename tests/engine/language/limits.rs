@@ -125,7 +125,7 @@ fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
     let nodes = (0..8).map(|seed| format!("\"n{seed}\": Hold(kb: 400, seed: {seed}), "));
     let graph = graph(&nodes.collect::<String>());
     let mut evaluator = megabyte();
-    let names = Vec::from_iter((0..8).map(|seed| format!("n{seed}")));
+    let names: Vec<_> = (0..8).map(|seed| format!("n{seed}")).collect();
     for name in &names {
         let evaluation = evaluator.evaluate_nodes(&graph, &[name]);
         assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
@@ -200,12 +200,14 @@ impl Observer for Listening {
 #[test]
 fn a_node_that_takes_no_notice_of_cancel_is_told_of_after_two_seconds() {
     let graph = graph(r#""deaf": Deaf(seconds: 3.0)"#);
-    let listening = |cancels| Listening {
-        cancel: CancelToken::default(),
-        began: Mutex::default(),
-        told: Mutex::default(),
-        cancels: AtomicBool::new(cancels),
-    };
+    fn listening(cancels: bool) -> Listening {
+        Listening {
+            cancel: CancelToken::default(),
+            began: Mutex::default(),
+            told: Mutex::default(),
+            cancels: AtomicBool::new(cancels),
+        }
+    }
     let mut evaluator = Evaluator::new(1, 1 << 20).unwrap();
     for (cancels, expected) in [(true, 1), (false, 0)] {
         let listening = listening(cancels);

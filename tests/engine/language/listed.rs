@@ -6,8 +6,14 @@ use maquette_nodes::PACKS;
 /// What is wrong with a test that expects something of this value.
 fn told(of: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("two.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n");
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    write(
+        "two.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n",
+        &folder,
+    );
     write(
         "graph.ron",
         r#"Graph(format: 1, nodes: {
@@ -16,8 +22,13 @@ fn told(of: &str) -> Vec<String> {
             "listed": ForEach(graph: "Transform", over: [(), ()], links: (mesh: "two")),
             "all": Merge(meshes: ["parts", "listed"]),
         }, outputs: { "all.ply": "all" })"#,
+        &folder,
     );
-    write("graph.test.ron", &format!("Test(graph: \"graph.ron\", expect: [Manifold({of:?})])"));
+    write(
+        "graph.test.ron",
+        &format!("Test(graph: \"graph.ron\", expect: [Manifold({of:?})])"),
+        &folder,
+    );
     let run = test_graphs(folder.path(), &Catalog::new(PACKS), 1).unwrap();
     run.failures
         .into_iter()

@@ -66,12 +66,12 @@ fn pieces(text: &str) -> Vec<(Piece, usize, usize)> {
 /// A text with a comment that has the word in it: a new one, or one that is there in other words.
 fn commented(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> String {
     let pieces = pieces(text);
-    let comments = Vec::from_iter(pieces.iter().filter(|it| it.0 == Piece::Comment));
+    let comments: Vec<_> = pieces.iter().filter(|it| it.0 == Piece::Comment).collect();
     if what.index(3) == 0 && !comments.is_empty() {
         let (_, start, _) = place.get(&comments);
         return format!("{} {word}{}", &text[..start + 2], &text[start + 2..]);
     }
-    let signs = Vec::from_iter(pieces.iter().filter(|it| it.0 == Piece::Sign));
+    let signs: Vec<_> = pieces.iter().filter(|it| it.0 == Piece::Sign).collect();
     let (_, start, end) = **place.get(&signs);
     let at = if ")]}".contains(&text[start..end]) { start } else { end };
     let comment = match form.index(3) {
@@ -104,14 +104,16 @@ fn edited(
     // The format stays.
     let is_free =
         |it: &&(Piece, usize, usize)| it.0 == Piece::Number && !text[..it.1].ends_with("format: ");
-    let numbers = Vec::from_iter(pieces.iter().filter(is_free));
-    let is_declared = |it: &&(Piece, usize, usize)| {
-        text[it.1..it.2].starts_with('"')
-            && text[it.2..]
-                .strip_prefix(": ")
-                .is_some_and(|rest| rest.starts_with(char::is_uppercase))
-    };
-    let names = Vec::from_iter(pieces.iter().filter(is_declared));
+    let numbers: Vec<_> = pieces.iter().filter(is_free).collect();
+    let names: Vec<_> = pieces
+        .iter()
+        .filter(|it| {
+            text[it.1..it.2].starts_with('"')
+                && text[it.2..]
+                    .strip_prefix(": ")
+                    .is_some_and(|rest| rest.starts_with(char::is_uppercase))
+        })
+        .collect();
     let by = |edit: fn(String) -> Edit| {
         let name = (!names.is_empty()).then(|| place.get(&names));
         let edit = edit(name.map_or_else(String::new, |it| text[it.1 + 1..it.2 - 1].to_owned()));
@@ -143,12 +145,12 @@ fn merge(path: &Path, texts: [&str; 3], catalog: &Catalog) -> Merge {
 
 /// How often each of the comments of a text stands in another one.
 fn same_comments(text: &str, other: &str) -> Result<(), TestCaseError> {
-    let comments = |text: &str| {
+    fn comments(text: &str) -> Vec<String> {
         let all = pieces(text).into_iter().filter(|it| it.0 == Piece::Comment);
-        let mut all = Vec::from_iter(all.map(|it| text[it.1..it.2].trim_end().to_owned()));
+        let mut all: Vec<_> = all.map(|it| text[it.1..it.2].trim_end().to_owned()).collect();
         all.sort_unstable();
         all
-    };
+    }
     prop_assert_eq!(comments(text), comments(other));
     Ok(())
 }

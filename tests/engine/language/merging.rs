@@ -48,8 +48,8 @@ fn with(text: &str, edits: &[(&str, &str)]) -> String {
 
 fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let source = |text: &str| Source { name: "graph.ron".into(), text: text.to_owned() };
-    let [base, ours, theirs] = [base, ours, theirs].map(source);
+    let [base, ours, theirs] =
+        [base, ours, theirs].map(|text| Source { name: "graph.ron".into(), text: text.to_owned() });
     maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
 }
 
@@ -176,7 +176,9 @@ fn fifty_pairs_of_edits_give_what_both_meant() {
 #[test]
 fn what_both_mean_is_the_same_whoever_merges() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let source = |text: String| Source { name: "graph.ron".into(), text };
+    fn source(text: String) -> Source {
+        Source { name: "graph.ron".into(), text }
+    }
     for Case(name, by_us, by_them, _) in CASES {
         let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
         let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
@@ -211,13 +213,15 @@ fn a_problem_that_neither_side_had_is_told() {
         theirs.replace("Label(mask: \"red\", connectivity: Four)", "Outline(mask: \"red\")");
     let merged = merge(BASE, &ours, &theirs);
     assert_eq!(merged.conflicts, [""; 0]);
-    let told = Vec::from_iter(merged.problems.iter().map(|problem| &problem.message[..]));
+    let told: Vec<_> = merged.problems.iter().map(|problem| &problem.message[..]).collect();
     assert_eq!(told, ["there is no node `spots`"]);
 }
 
 #[test]
 fn texts_with_any_ends_of_lines_are_merged() {
-    let windows = |text: &str| text.replace('\n', "\r\n");
+    fn windows(text: &str) -> String {
+        text.replace('\n', "\r\n")
+    }
     let (ours, theirs) =
         (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(EIGHT, "connectivity: Four")]));
     let both = with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]);
@@ -226,7 +230,9 @@ fn texts_with_any_ends_of_lines_are_merged() {
 
 #[test]
 fn marks_end_their_lines_as_the_text_does() {
-    let windows = |text: &str| text.replace('\n', "\r\n");
+    fn windows(text: &str) -> String {
+        text.replace('\n', "\r\n")
+    }
     let (ours, theirs) =
         (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
     let marked = merge(BASE, &ours, &theirs).text;
@@ -301,29 +307,29 @@ fn a_comment_that_they_reword_in_what_we_take_away_is_a_conflict() {
 #[test]
 fn what_cannot_be_read_is_merged_by_lines_and_nothing_is_lost() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let merge = |texts: [&str; 3]| {
+    fn merge(texts: [&str; 3], catalog: &Catalog) -> Merge {
         let names = ["base.ron", "ours.ron", "theirs.ron"];
         let [base, ours, theirs] =
             [0, 1, 2].map(|k| Source { name: names[k].into(), text: texts[k].to_owned() });
-        maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
-    };
+        maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], catalog)
+    }
     let ours = with(BASE, &[(FAR, "distance: 25.0")]);
     let broken = with(BASE, &[(FAR, "distance: (20.0")]);
-    let merged = merge([BASE, &ours, &broken]);
+    let merged = merge([BASE, &ours, &broken], &catalog);
     assert!(merged.by_lines && merged.conflicts == [""], "{merged:?}");
-    let told = Vec::from_iter(merged.problems.iter().map(|it| it.source.name.to_str().unwrap()));
+    let told: Vec<_> = merged.problems.iter().map(|it| it.source.name.to_str().unwrap()).collect();
     assert_eq!(told, ["theirs.ron"]);
     for part in ["<<<<<<< ours", "25.0", "||||||| original", "=======", "(20.0", ">>>>>>> theirs"] {
         assert!(merged.text.contains(part), "{part} in\n{}", merged.text);
     }
     // Both added the file.
     let theirs = with(BASE, &[(EIGHT, "connectivity: Four")]);
-    let merged = merge(["", &ours, &theirs]);
+    let merged = merge(["", &ours, &theirs], &catalog);
     assert!(merged.by_lines && merged.conflicts == [""] && merged.problems.is_empty());
     assert!(merged.text.contains("distance: 25.0") && merged.text.contains("connectivity: Four"));
-    assert_eq!(merge(["", &ours, &ours]).text, ours);
+    assert_eq!(merge(["", &ours, &ours], &catalog).text, ours);
     // What they began with cannot be read, but both mended it alike.
-    assert_eq!(merge([&broken, &ours, &ours]).conflicts, [""; 0]);
+    assert_eq!(merge([&broken, &ours, &ours], &catalog).conflicts, [""; 0]);
 }
 
 #[test]
@@ -332,26 +338,28 @@ fn marks_of_a_merge_are_one_mistake_at_the_first_of_them() {
         (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let problems = |text: &str| {
-        Graph::load_text("a.ron".as_ref(), text.to_owned(), &catalog, &options).problems
-    };
+    fn problems(text: &str, catalog: &Catalog, options: &Options) -> Vec<maquette::Problem> {
+        Graph::load_text("a.ron".as_ref(), text.to_owned(), catalog, options).problems
+    }
     let marked = merge(BASE, &ours, &theirs).text;
     for text in [marked.replace('\n', "\r\n"), marked] {
-        let told = problems(&text);
+        let told = problems(&text, &catalog, &options);
         let [problem] = &told[..] else { panic!("{told:?}") };
         assert_eq!(problem.message, "this file has the conflict marks of a merge");
         assert_eq!(&text[problem.span.start..problem.span.end], "<<<<<<< ours");
     }
     // In a text or a comment they are none.
     let told = with(BASE, &[("    nodes: {\n", "    /*\n=======\n    */\n    nodes: {\n")]);
-    assert_eq!(problems(&told), []);
-    let told = problems(&with(&told, &[(FAR, "distance: (20.0")]));
+    assert_eq!(problems(&told, &catalog, &options), []);
+    let told = problems(&with(&told, &[(FAR, "distance: (20.0")]), &catalog, &options);
     assert!(told[0].message.starts_with("this `(` is not closed"), "{told:?}");
 }
 
 #[test]
 fn a_list_alone_is_merged_as_a_whole() {
-    let handles = |at: &str| format!("[(at: ({at}, 0, 0), to: (1, 0, 0))]\n");
+    fn handles(at: &str) -> String {
+        format!("[(at: ({at}, 0, 0), to: (1, 0, 0))]\n")
+    }
     let merged = merge(&handles("0"), &handles("1"), &handles("2"));
     assert_eq!(merged.conflicts, [""]);
     let marked = format!("<<<<<<< ours\n{}=======\n{}>>>>>>> theirs\n", handles("1"), handles("2"));

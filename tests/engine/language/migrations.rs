@@ -138,7 +138,7 @@ const NODES: [[&str; 2]; 9] = [
 
 /// The graph of these nodes, as it was written once or is now.
 pub(super) fn graph_of_nodes(now: bool) -> String {
-    let nodes = Vec::from_iter(NODES.iter().map(|node| node[usize::from(now)])).join(",\n    ");
+    let nodes = NODES.iter().map(|node| node[usize::from(now)]).collect::<Vec<_>>().join(",\n    ");
     format!(
         "Graph(format: 1, params: {{\"cm\": Number(default: 0.7, doc: \"A.\")}}, nodes: {{\n    {nodes},\n}}, outputs: {{}})"
     )
@@ -149,11 +149,11 @@ fn names_units_words_and_places_change_over_several_versions() {
     let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&OLD_NAMES]].concat());
     let (old, new) = (graph_of_nodes(false), graph_of_nodes(true));
     assert_eq!(Graph::migrated("graph.ron".as_ref(), &old, &catalog).unwrap(), new);
-    let identity = |text: &str| {
-        let checked = load(text, &catalog);
+    fn identity(text: &str, catalog: &Catalog) -> maquette::Hash {
+        let checked = load(text, catalog);
         checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems)).identity()
-    };
-    assert_eq!(identity(&old), identity(&new));
+    }
+    assert_eq!(identity(&old, &catalog), identity(&new, &catalog));
 }
 
 #[test]
@@ -230,12 +230,14 @@ fn the_rest_of_a_graph_with_an_unknown_node_is_made_and_the_pack_is_named() {
     let produced = session.produce(&graph, &[], &into, &(), &Default::default()).unwrap();
     // What the check has said is not said again.
     assert_eq!(produced.problems, []);
-    let written = Vec::from_iter(produced.written.iter().map(|file| &file.output[..]));
+    let written: Vec<_> = produced.written.iter().map(|file| &file.output[..]).collect();
     assert_eq!(written, ["big.ply"]);
     let states = produced.trace();
-    let state = |name: &str| states.0.iter().find(|node| node.name == name).unwrap().state;
-    assert_eq!(state("combed"), maquette::State::Skipped);
-    assert_eq!(state("big"), maquette::State::Computed);
+    fn state(name: &str, states_0: &[maquette::NodeTrace]) -> maquette::State {
+        states_0.iter().find(|node| node.name == name).unwrap().state
+    }
+    assert_eq!(state("combed", &states.0), maquette::State::Skipped);
+    assert_eq!(state("big", &states.0), maquette::State::Computed);
 }
 
 #[test]

@@ -19,7 +19,8 @@ fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
 
 /// The words of comments, in order.
 fn comments(text: &str) -> Vec<&str> {
-    let mut words = Vec::from_iter(text.lines().filter_map(|line| Some(line.split_once("// ")?.1)));
+    let mut words: Vec<_> =
+        text.lines().filter_map(|line| Some(line.split_once("// ")?.1)).collect();
     words.sort_unstable();
     words
 }
@@ -37,8 +38,16 @@ fn every_graph_says_the_same_without_its_defaults_and_again() {
         assert_eq!(comments(&form), comments(&short), "{}", path.display());
         shorter += usize::from(short.len() < form.len());
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let load = |text: &str| Graph::load_text(path, text.to_owned(), &catalog, &options);
-        let (before, after) = (load(&form), load(&short));
+        fn load(
+            text: &str,
+            catalog: &Catalog,
+            options: &Options,
+            path: &Path,
+        ) -> maquette::Checked {
+            Graph::load_text(path, text.to_owned(), catalog, options)
+        }
+        let (before, after) =
+            (load(&form, &catalog, &options, path), load(&short, &catalog, &options, path));
         assert_eq!(before.graph.is_some(), after.graph.is_some(), "{}", path.display());
     }
     assert!(paths.len() > 100 && shorter > 5, "{shorter} of {}", paths.len());
@@ -167,16 +176,23 @@ fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
         )
     "#]]
     .assert_eq(&short);
-    let differences = |old: &str, new: &str| {
-        let source = |text: &str| Source { name: path.clone(), text: text.to_owned() };
-        Graph::differences(&source(old), &source(new), &catalog).unwrap()
-    };
-    assert_eq!(differences(TEXT, &short), []);
+    fn differences(
+        old: &str,
+        new: &str,
+        path: &Path,
+        catalog: &Catalog,
+    ) -> Vec<maquette::Difference> {
+        fn source(text: &str, path: &Path) -> Source {
+            Source { name: path.to_owned(), text: text.to_owned() }
+        }
+        Graph::differences(&source(old, path), &source(new, path), catalog).unwrap()
+    }
+    assert_eq!(differences(TEXT, &short, &path, &catalog), []);
     // What an element says against all others is a difference.
     let with = TEXT.replace("with: (translate: (0, 0, 0))", "with: (rotate: (0, 0, 9))");
-    let told = differences(&with, &minimal(&path, &with, &catalog));
+    let told = differences(&with, &minimal(&path, &with, &catalog), &path, &catalog);
     assert_eq!(told, []);
-    let told = differences(&with, &with.replace("(rotate: (0, 0, 0))", "()"));
+    let told = differences(&with, &with.replace("(rotate: (0, 0, 0))", "()"), &path, &catalog);
     assert_eq!(told.len(), 1, "{told:?}");
 }
 
@@ -187,8 +203,10 @@ fn a_graph_without_its_defaults_is_no_other_graph() {
     for path in &paths {
         let text = std::fs::read_to_string(path).unwrap();
         let short = minimal(path, &text, &catalog);
-        let source = |text: String| Source { name: path.clone(), text };
-        let told = Graph::differences(&source(text), &source(short), &catalog);
+        fn source(text: String, path: &Path) -> Source {
+            Source { name: path.to_owned(), text }
+        }
+        let told = Graph::differences(&source(text, path), &source(short, path), &catalog);
         assert_eq!(told, Ok(vec![]), "{}", path.display());
     }
 }
@@ -205,20 +223,23 @@ fn a_plain_value_is_not_what_a_draft_has_by_default() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("lib.ron"), library).unwrap();
     let path = folder.path().join("a.ron");
-    let using = |levels: &str| {
+    fn using(levels: &str) -> String {
         let node = format!("\"u\": Fine(m: \"c\"{levels})");
         format!(
             "Graph(format: 1, use: {{ \"Fine\": \"lib.ron\" }}, nodes: {{ \"c\": ReadMesh(path: \"c.obj\"), {node} }}, outputs: {{ \"m.ply\": \"u\" }})"
         )
-    };
+    }
     let catalog = Catalog::new(PACKS);
     assert!(minimal(&path, &using(", levels: 2"), &catalog).contains("levels: 2"));
     assert!(
         !minimal(&path, &using(", levels: Draft(draft: 0, final: 2)"), &catalog).contains("levels")
     );
-    let source = |levels: &str| Source { name: path.clone(), text: using(levels) };
-    let differences =
-        |levels: &str| Graph::differences(&source(""), &source(levels), &catalog).unwrap().len();
-    let same = differences(", levels: Draft(final: 2, draft: 0)");
-    assert_eq!((differences(", levels: 2"), same), (1, 0));
+    fn source(levels: &str, path: &Path) -> Source {
+        Source { name: path.to_owned(), text: using(levels) }
+    }
+    fn differences(levels: &str, path: &Path, catalog: &Catalog) -> usize {
+        Graph::differences(&source("", path), &source(levels, path), catalog).unwrap().len()
+    }
+    let same = differences(", levels: Draft(final: 2, draft: 0)", &path, &catalog);
+    assert_eq!((differences(", levels: 2", &path, &catalog), same), (1, 0));
 }

@@ -35,22 +35,26 @@ const PUTS: [[(&str, &str); 2]; 7] = [
 #[test]
 fn a_value_that_is_set_goes_to_the_field_that_it_names_whatever_it_is_called() {
     let catalog = catalog();
-    let load = |now: bool, set: &[(&str, &str)]| {
+    fn load(now: bool, set: &[(&str, &str)], catalog: &Catalog) -> Checked {
         let text = graph_of_nodes(now);
-        Graph::load_text("graph.ron".as_ref(), text, &catalog, &options(set))
-    };
+        Graph::load_text("graph.ron".as_ref(), text, catalog, &options(set))
+    }
     let old = PUTS.map(|put| put[0]);
     let new = PUTS.map(|put| put[1]);
-    let expected = identity(load(true, &new));
-    assert_ne!(expected, identity(load(true, &[])));
+    let expected = identity(load(true, &new, &catalog));
+    assert_ne!(expected, identity(load(true, &[], &catalog)));
     for [old, new] in PUTS {
-        assert_eq!(identity(load(true, &[old])), identity(load(true, &[new])), "{old:?}");
+        assert_eq!(
+            identity(load(true, &[old], &catalog)),
+            identity(load(true, &[new], &catalog)),
+            "{old:?}"
+        );
     }
     for (now, set) in [(true, old), (false, old), (false, new)] {
-        assert_eq!(identity(load(now, &set)), expected, "{now} {set:?}");
+        assert_eq!(identity(load(now, &set, &catalog)), expected, "{now} {set:?}");
     }
-    let told = load(true, &old).problems;
-    let told = Vec::from_iter(told.iter().map(|it| format!("{} ({})", it.message, it.help)));
+    let told = load(true, &old, &catalog).problems;
+    let told: Vec<_> = told.iter().map(|it| format!("{} ({})", it.message, it.help)).collect();
     expect_test::expect![[r#"
         --set one.gap=0.8: field `gap` of Triangulate is called `step` now (set `one.jump`, with the value as it is now)
         --set one.gap=0.8: field `step` of Triangulate is called `jump` now (set `one.jump`, with the value as it is now)
@@ -86,14 +90,20 @@ Patch(
         .replace("red.how", "red.select")
         .replace("Triangles", "Loop");
     let path = folder.path().join("patch.ron");
-    let load = |now: bool, patch: &str| {
+    fn load(
+        now: bool,
+        patch: &str,
+        folder: &tempfile::TempDir,
+        path: &Path,
+        catalog: &Catalog,
+    ) -> Hash {
         std::fs::write(folder.path().join("base.ron"), graph_of_nodes(now)).unwrap();
         let options = options(&[]);
-        identity(Graph::load_text(&path, patch.to_owned(), &catalog, &options))
-    };
-    let expected = load(true, &new);
+        identity(Graph::load_text(path, patch.to_owned(), catalog, &options))
+    }
+    let expected = load(true, &new, &folder, &path, &catalog);
     for (now, patch) in [(true, old), (false, old), (false, &new)] {
-        assert_eq!(load(now, patch), expected, "{now} {patch}");
+        assert_eq!(load(now, patch, &folder, &path, &catalog), expected, "{now} {patch}");
         assert_eq!(Graph::migrated(&path, patch, &catalog).unwrap(), new, "{now}");
     }
 }
@@ -101,22 +111,22 @@ Patch(
 #[test]
 fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
     let catalog = catalog();
-    let edited = |now: bool, target: &str, value: &str| {
+    fn edited(now: bool, target: &str, value: &str, catalog: &Catalog) -> (String, maquette::Put) {
         let (text, set) = (graph_of_nodes(now), [(target.to_owned(), value.to_owned())]);
         let edited =
-            maquette::edit::edited(Path::new("graph.ron"), &text, &set, &catalog, &options(&[]))
+            maquette::edit::edited(Path::new("graph.ron"), &text, &set, catalog, &options(&[]))
                 .unwrap();
         let line = edited.text.lines().find(|line| line.contains("\"one\":")).unwrap();
         (line.trim().to_owned(), edited.changes[0].clone())
-    };
+    }
     let expected = r#""one": Triangulate(range: "scan.range", jump: 8.0),"#;
     for (now, target, value) in
         [(true, "one.gap", "0.8"), (false, "one.gap", "0.8"), (false, "one.jump", "8.0")]
     {
-        let (line, put) = edited(now, target, value);
+        let (line, put) = edited(now, target, value, &catalog);
         assert_eq!(line, expected, "{now} {target}");
         assert_eq!((&put.target[..], put.before.as_deref()), ("one.jump", Some("6.0")));
     }
     // What is not spoken of stays as it is written.
-    assert!(edited(false, "red.how.distance", "9.0").0.contains("Grid("));
+    assert!(edited(false, "red.how.distance", "9.0", &catalog).0.contains("Grid("));
 }

@@ -27,12 +27,16 @@ impl Project {
     fn new() -> Self {
         let project = Self(tempfile::tempdir().unwrap());
         fs::create_dir(project.path("sub")).unwrap();
-        let mesh = |faces: usize| {
-            let vertex = |k: usize| format!("v {} {} 0\n", k / 2, k % 2);
-            let face = |k: usize| format!("f {} {} {}\n", k, k + 1 + (k + 1) % 2, k + 1 + k % 2);
-            let vertices = (0..faces + 2).map(vertex);
-            vertices.chain((1..=faces).map(face)).collect::<String>()
-        };
+        fn mesh(faces: usize) -> String {
+            let vertices = (0..faces + 2).map(|k: usize| format!("v {} {} 0\n", k / 2, k % 2));
+            vertices
+                .chain(
+                    (1..=faces).map(|k: usize| {
+                        format!("f {} {} {}\n", k, k + 1 + (k + 1) % 2, k + 1 + k % 2)
+                    }),
+                )
+                .collect::<String>()
+        }
         project.write("maquette.toml", "");
         project.write("g.ron", GRAPH);
         project.write("three.obj", &mesh(3));
@@ -157,7 +161,7 @@ fn a_name_that_stands_twice_in_a_patch_is_told_at_the_second_one_and_nothing_is_
         let text = fs::read_to_string(&path).unwrap();
         let edited =
             maquette::edit::edited(&path, &text, &set, &Catalog::new(PACKS), &Options::default());
-        assert_eq!(Vec::from_iter(edited.unwrap_err().iter().map(told)), [message]);
+        assert_eq!(edited.unwrap_err().iter().map(told).collect::<Vec<_>>(), [message]);
     }
 }
 

@@ -18,23 +18,31 @@ fn session() -> Session {
 /// A folder with a mesh, points and a curve: in mm, and the same in m.
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    let in_meters = |text: &str| {
-        let word = |word: &str| match word.parse::<f64>() {
-            Ok(number) => format!("{}", number / 1000.0),
-            Err(_) => word.to_owned(),
-        };
-        let line = |line: &str| match line.starts_with('f') || line.starts_with('l') {
-            true => line.to_owned(),
-            false => Vec::from_iter(line.split(' ').map(word)).join(" "),
-        };
-        Vec::from_iter(text.lines().map(line)).join("\n") + "\n"
-    };
+    fn write(name: &str, text: &str, folder: &TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
+    fn in_meters(text: &str) -> String {
+        text.lines()
+            .map(|line| match line.starts_with('f') || line.starts_with('l') {
+                true => line.to_owned(),
+                false => line
+                    .split(' ')
+                    .map(|word| match word.parse::<f64>() {
+                        Ok(number) => format!("{}", number / 1000.0),
+                        Err(_) => word.to_owned(),
+                    })
+                    .collect::<Vec<_>>()
+                    .join(" "),
+            })
+            .collect::<Vec<_>>()
+            .join("\n")
+            + "\n"
+    }
     let line = "v 1 2 3\nv 4.5 0 0\nv 0 6 1\nl 1 2 3\n";
     let points = "1.25 2 3\n4 5 6.5\n";
     for (name, text) in [("ball.obj", BALL), ("line.obj", line), ("points.xyz", points)] {
-        write(name, text);
-        write(&format!("m-{name}"), &in_meters(text));
+        write(name, text, &folder);
+        write(&format!("m-{name}"), &in_meters(text), &folder);
     }
     folder
 }
@@ -46,8 +54,10 @@ fn graph(params: &str, nodes: &str) -> String {
 }
 
 fn loaded(folder: &TempDir, text: &str, set: &[(&str, &str)]) -> Graph {
-    let own = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
-    let options = Options { set: set.iter().map(own).collect(), ..Options::default() };
+    let options = Options {
+        set: set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect(),
+        ..Options::default()
+    };
     let checked = Graph::load_text(
         &folder.path().join("graph.ron"),
         text.to_owned(),
@@ -109,8 +119,10 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
 fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
     let folder = folder();
     let nodes = r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (Param("far"), Expr("far + mm(2)"), 0))"#;
-    let declared = |text: &str| graph(&format!("\"far\": Number({text})"), nodes);
-    let plain = loaded(&folder, &declared("default: 12.0, unit: \"mm\""), &[]);
+    fn declared(text: &str, nodes: &str) -> String {
+        graph(&format!("\"far\": Number({text})"), nodes)
+    }
+    let plain = loaded(&folder, &declared("default: 12.0, unit: \"mm\"", nodes), &[]);
     for text in [
         "default: cm(1.2), unit: \"mm\"",
         "default: 12.0, min: cm(1), max: inch(1), unit: \"mm\"",
@@ -118,9 +130,10 @@ fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
         "default: 1.2, unit: \"cm\"",
         "default: mm(12), unit: \"m\"",
     ] {
-        check_same(&folder, [&loaded(&folder, &declared(text), &[]), &plain]);
+        check_same(&folder, [&loaded(&folder, &declared(text, nodes), &[]), &plain]);
     }
-    let set = loaded(&folder, &declared("default: 3.0, unit: \"mm\""), &[("far", "cm(1.2)")]);
+    let set =
+        loaded(&folder, &declared("default: 3.0, unit: \"mm\"", nodes), &[("far", "cm(1.2)")]);
     check_same(&folder, [&set, &plain]);
     let field = loaded(
         &folder,
@@ -128,9 +141,10 @@ fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
         &[("out.translate.0", "cm(1.2)")],
     );
     check_same(&folder, [&field, &plain]);
-    let schema = loaded(&folder, &declared("default: cm(1.2), max: m(1), unit: \"mm\""), &[])
-        .schema()
-        .clone();
+    let schema =
+        loaded(&folder, &declared("default: cm(1.2), max: m(1), unit: \"mm\"", nodes), &[])
+            .schema()
+            .clone();
     let far = &schema["properties"]["far"];
     assert_eq!((&far["default"], &far["maximum"]), (&12.0.into(), &1000.0.into()));
 }
@@ -138,23 +152,26 @@ fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
 #[test]
 fn a_patch_and_a_use_give_numbers_with_units() {
     let folder = folder();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    fn write(name: &str, text: &str, folder: &TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
     write(
         "used.ron",
         r#"Graph(format: 1, inputs: {"mesh": Mesh()}, params: {"far": Number(default: 1.0, max: 50.0, unit: "mm")},
         nodes: {"moved": Transform(mesh: "mesh", translate: (Param("far"), 0, 0))}, outputs: {"mesh": "moved"})"#,
+        &folder,
     );
-    let using = |far: &str| {
+    fn using(far: &str) -> String {
         format!(
             r#"Graph(format: 1, use: {{"Moved": "used.ron"}}, params: {{"own": Number(default: 1.2, unit: "cm")}},
         nodes: {{"ball": ReadMesh(path: "ball.obj"), "out": Moved(mesh: "ball", far: {far})}}, outputs: {{"out.ply": "out"}})"#
         )
-    };
+    }
     let plain = loaded(&folder, &using("12.0"), &[]);
     for far in ["cm(1.2)", "Param(\"own\")", "Expr(\"own\")"] {
         check_same(&folder, [&loaded(&folder, &using(far), &[]), &plain]);
     }
-    write("whole.ron", &using("Param(\"own\")"));
+    write("whole.ron", &using("Param(\"own\")"), &folder);
     let patch = r#"Patch(format: 1, of: "whole.ron", params: {"own": mm(3)}, nodes: {"out": (far: inch(1))})"#;
     check_same(&folder, [&loaded(&folder, patch, &[]), &loaded(&folder, &using("25.4"), &[])]);
 }
@@ -177,7 +194,7 @@ fn custom_units_are_words_and_nothing_is_refused_by_them() {
 #[test]
 fn one_scan_in_meters_and_in_millimeters_gives_the_same_results() {
     let folder = folder();
-    let nodes = |prefix: &str, unit: &str| {
+    fn nodes(prefix: &str, unit: &str) -> String {
         graph(
             "",
             &format!(
@@ -185,7 +202,7 @@ fn one_scan_in_meters_and_in_millimeters_gives_the_same_results() {
             "points": ReadPoints(path: "{prefix}points.xyz"{unit}), "curve": ReadCurve(path: "{prefix}line.obj"{unit}), "tube": Tube(curve: "curve", radius: 0.5)"#
             ),
         )
-    };
+    }
     let mut runs = Vec::new();
     for (prefix, unit) in [("", ""), ("m-", ", unit: M")] {
         let graph = loaded(&folder, &nodes(prefix, unit), &[]);
@@ -227,34 +244,37 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
 #[test]
 fn what_is_expected_takes_units_too() {
     let folder = folder();
-    let with = |expect: &str| {
+    fn with(expect: &str) -> String {
         graph("", r#""out": ReadMesh(path: "ball.obj")"#)
             .replace("outputs:", &format!("expect: [{expect}], outputs:"))
-    };
-    let told = |expect: &str| {
-        let graph = loaded(&folder, &with(expect), &[]);
+    }
+    fn told(expect: &str, folder: &TempDir) -> Vec<String> {
+        let graph = loaded(folder, &with(expect), &[]);
         let run = session().run(&graph, &Run::default()).unwrap();
-        Vec::from_iter(run.problems().into_iter().map(|problem| problem.message))
-    };
+        run.problems().into_iter().map(|problem| problem.message).collect::<Vec<_>>()
+    }
     let holds = r#"Bounds(of: "out", low: (0, 0, 0), high: (cm(0.15), mm(2.25), m(0.003))), Bend(of: "out", max: rad(3.1)),
         Near(of: "out", to: "out.ply", max: cm(0.01), rms: Some(mm(0.1)))"#;
-    assert_eq!(told(holds), [""; 0]);
-    let told_of_box = told(&holds.replace("cm(0.15)", "cm(0.14)"));
+    assert_eq!(told(holds, &folder), [""; 0]);
+    let told_of_box = told(&holds.replace("cm(0.15)", "cm(0.14)"), &folder);
     assert!(
         told_of_box[0].starts_with("expected Bounds, but `out` has 1 vertices"),
         "{told_of_box:?}"
     );
-    let wrong = |expect: &str| {
+    fn wrong(expect: &str, folder: &TempDir) -> Vec<String> {
         let (path, options) = (folder.path().join("graph.ron"), Options::default());
         let checked = Graph::load_text(&path, with(expect), &Catalog::new(PACKS), &options);
-        Vec::from_iter(
-            checked.problems.into_iter().map(|it| format!("{} ({})", it.message, it.help)),
-        )
-    };
+        checked
+            .problems
+            .into_iter()
+            .map(|it| format!("{} ({})", it.message, it.help))
+            .collect::<Vec<_>>()
+    }
     let like = "a plain number is in mm; other units of the same kind are converted";
     assert_eq!(
         wrong(
-            r#"Near(of: "out", to: "out", max: px(3)), Bounds(of: "out", low: (0, 0, deg(1)), high: (1, 1, 1))"#
+            r#"Near(of: "out", to: "out", max: px(3)), Bounds(of: "out", low: (0, 0, deg(1)), high: (1, 1, 1))"#,
+            &folder
         ),
         [
             format!("field `max` of Near is in mm, but `px(3)` is in px ({like})"),
@@ -262,16 +282,16 @@ fn what_is_expected_takes_units_too() {
         ]
     );
     assert_eq!(
-        wrong(r#"Count(of: "out", what: "faces", min: mm(3))"#),
+        wrong(r#"Count(of: "out", what: "faces", min: mm(3))"#, &folder),
         ["field `min` of Count has no unit, but `mm(3)` is in mm (write a plain number)"]
     );
-    let too_much = wrong(r#"Bend(of: "out", max: rad(4))"#);
+    let too_much = wrong(r#"Bend(of: "out", max: rad(4))"#, &folder);
     assert!(too_much[0].starts_with("field `max` of Graph is 229.18"), "{too_much:?}");
 }
 
 #[test]
 fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none() {
-    let text = |size: &str, reach: &str, high: &str| {
+    fn text(size: &str, reach: &str, high: &str) -> String {
         let params = format!(r#""reach": Number(default: {reach}, unit: "mm")"#);
         let nodes = format!(
             r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (0, {size}, Param("reach")), rotate: (0, 0, deg(5)))"#
@@ -282,14 +302,16 @@ fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none(
                 r#"expect: [Bounds(of: "out", low: (0, 0, 0), high: ({high}, 1, 1))], outputs:"#
             ),
         )
-    };
-    let told = |before: String, after: String| {
+    }
+    fn told(before: String, after: String) -> Vec<String> {
         let [before, after] =
             [before, after].map(|text| maquette::Source { name: "graph.ron".into(), text });
         let found = Graph::differences(&before, &after, &Catalog::new(PACKS)).unwrap();
-        Vec::from_iter(found.iter().map(ToString::to_string))
-    };
-    let first = || text("cm(3)", "inch(1)", "cm(1)");
+        found.iter().map(ToString::to_string).collect::<Vec<_>>()
+    }
+    fn first() -> String {
+        text("cm(3)", "inch(1)", "cm(1)")
+    }
     assert_eq!(told(first(), text("30", "mm(25.4)", "10.0")), [""; 0]);
     assert_eq!(
         told(first(), text("cm(4)", "12", "inch(2.5)")),

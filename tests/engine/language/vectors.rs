@@ -30,14 +30,17 @@ fn at(text: &str, node: &str, set: &[(&str, &str)]) -> Result<[f64; 3], Vec<Stri
     let options = Options { set, ..Options::default() };
     let path = folder.path().join("graph.ron");
     let checked = Graph::load_text(&path, text.to_owned(), &Catalog::new(PACKS), &options);
-    let told = |problem: &maquette::Problem| problem.message.clone();
-    let graph = checked.graph.ok_or_else(|| Vec::from_iter(checked.problems.iter().map(told)))?;
+    fn told(problem: &maquette::Problem) -> String {
+        problem.message.clone()
+    }
+    let graph =
+        checked.graph.ok_or_else(|| checked.problems.iter().map(told).collect::<Vec<_>>())?;
     let mut session = Session::new(PACKS, &Settings::in_memory()).unwrap();
     let run = session.run(&graph, &Run { wanted: Wanted::Everything, ..Run::default() });
     let run = run.unwrap_or_else(|problems| panic!("{problems:?}"));
     let wrong = run.problems();
     if !wrong.is_empty() {
-        return Err(Vec::from_iter(wrong.iter().map(told)));
+        return Err(wrong.iter().map(told).collect::<Vec<_>>());
     }
     let point = run.get::<Points>(node).unwrap().positions()[0];
     Ok([point.x, point.y, point.z])
@@ -74,14 +77,14 @@ fn the_unit_before_a_vector_is_that_of_each_of_its_numbers() {
 
 #[test]
 fn a_box_that_is_expected_may_have_a_unit() {
-    let expected = |high: &str| {
+    fn expected(high: &str) -> Result<[f64; 3], Vec<String>> {
         let expect = format!("expect: [Bounds(of: \"moved\", low: cm(0, 0, 0), high: {high})],");
         at(
             &graph("(0, 0, 0)", "").replace("outputs:", &format!("{expect}\n    outputs:")),
             "moved",
             &[],
         )
-    };
+    }
     assert_eq!(expected("cm(0.2, 1, 1)"), Ok([1.0, 0.0, 0.0]));
     assert!(expected("cm(0.05, 1, 1)").is_err());
 }

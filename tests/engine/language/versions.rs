@@ -151,7 +151,7 @@ fn what_is_left_out_is_absent_at_an_optional_port_and_in_graphs_further_in() {
     nodes: { "it": Inner(picture: "picture", within: "there") },
     outputs: { "mask": "it" },
 )"#;
-    let graph = |fields: &str| {
+    fn graph(fields: &str) -> String {
         format!(
             r#"Graph(
     format: 1,
@@ -164,15 +164,15 @@ fn what_is_left_out_is_absent_at_an_optional_port_and_in_graphs_further_in() {
     outputs: {{ "mask.png": "it" }},
 )"#
         )
-    };
+    }
     let folder = Folder::new(&[("inner.ron", inner), ("outer.ron", outer), ("a.png", "")]);
-    let told = |fields: &str| {
+    fn told(fields: &str, folder: &Folder) -> (maquette::Hash, Vec<String>) {
         folder.put("dress.ron", &graph(fields));
         let checked = folder.load(&Options::default());
         let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
-        (graph.identity(), Vec::from_iter(graph.node_names().map(str::to_owned)))
-    };
-    let (without, with) = (told(""), told(", there: \"mask\""));
+        (graph.identity(), graph.node_names().map(str::to_owned).collect::<Vec<_>>())
+    }
+    let (without, with) = (told("", &folder), told(", there: \"mask\"", &folder));
     assert_ne!(without.0, with.0);
     assert_eq!(without.1, with.1);
 }
@@ -181,7 +181,7 @@ fn what_is_left_out_is_absent_at_an_optional_port_and_in_graphs_further_in() {
 fn an_optional_input_is_told_like_a_port_that_may_be_left_out() {
     let folder = Folder::new(&[("dress.ron", &skirt("version: \"1.0.0\",", 1.0))]);
     let graph = folder.load(&Options::default()).graph.unwrap();
-    let told = Vec::from_iter(graph.inputs().iter().map(|it| (&it.name[..], it.optional)));
+    let told: Vec<_> = graph.inputs().iter().map(|it| (&it.name[..], it.optional)).collect();
     assert_eq!(told, [("mesh", false), ("hem", true)]);
     assert_eq!(graph.schema()["required"], serde_json::json!(["mesh"]));
 }
@@ -263,19 +263,19 @@ fn a_lock_has_all_that_is_used_and_nothing_else() {
 #[test]
 fn a_difference_inside_of_a_used_graph_is_told_with_the_way_there() {
     let dress = dress("Graph(\"lib/skirt.ron\", version: \"1.0\")", "");
-    let files = |step| {
+    fn files(step: f64, dress: &str) -> Folder {
         let skirt = skirt("version: \"1.0.0\",", step);
-        Folder::new(&[("lib/skirt.ron", &skirt), ("dress.ron", &dress)])
-    };
-    let (first, second) = (files(1.0), files(2.5));
-    let source = |folder: &Folder| {
+        Folder::new(&[("lib/skirt.ron", &skirt), ("dress.ron", dress)])
+    }
+    let (first, second) = (files(1.0, &dress), files(2.5, &dress));
+    fn source(folder: &Folder) -> maquette::Source {
         let name = folder.path("dress.ron");
         maquette::Source { text: std::fs::read_to_string(&name).unwrap(), name }
-    };
+    }
     let (old, new) = (source(&first), source(&second));
     assert_eq!(Graph::differences(&old, &new, &catalog()), Ok(vec![]));
     let told = Graph::differences_with_uses(&old, &new, &catalog()).unwrap();
-    let told = Vec::from_iter(told.iter().map(ToString::to_string));
+    let told: Vec<_> = told.iter().map(ToString::to_string).collect();
     assert_eq!(told, ["in Skirt: node moved: changed translate.0: 1 -> 2.5"]);
     assert_eq!(Graph::differences_with_uses(&old, &old, &catalog()), Ok(vec![]));
 }

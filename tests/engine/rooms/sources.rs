@@ -217,8 +217,10 @@ impl Sources {
         &self,
         words: &'static [&'static str],
     ) -> impl Iterator<Item = String> {
-        let has = move |module: &&Module| module.words.windows(words.len()).any(|at| at == words);
-        self.modules.iter().filter(has).map(|module| module.file.clone())
+        self.modules
+            .iter()
+            .filter(move |module| module.words.windows(words.len()).any(|at| at == words))
+            .map(|module| module.file.clone())
     }
 
     /// What `path`, written in the module `from`, leads to; none if that is no part of the crate. Where a module and something
@@ -313,22 +315,24 @@ fn tree(
 fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
     let mut kept = Vec::new();
     let mut at = 0;
-    let is = |at: usize, words: &[&str]| {
+    fn is(at: usize, words: &[&str], tokens: &[Token]) -> bool {
         words
             .iter()
             .enumerate()
             .all(|(k, word)| tokens.get(at + k).is_some_and(|t| t.text == *word))
-    };
+    }
     while at < tokens.len() {
-        if is(at, &["#", "[", "cfg", "(", "test", ")", "]"]) {
-            while is(at, &["#"]) {
+        if is(at, &["#", "[", "cfg", "(", "test", ")", "]"], &tokens) {
+            while is(at, &["#"], &tokens) {
                 at = closing(&tokens, at + 1) + 1;
             }
-            let is_use = (at..at + 6).take_while(|&k| !is(k, &["{"])).any(|k| is(k, &["use"]));
-            while !is(at, &[";"]) && (is_use || !is(at, &["{"])) {
+            let is_use = (at..at + 6)
+                .take_while(|&k| !is(k, &["{"], &tokens))
+                .any(|k| is(k, &["use"], &tokens));
+            while !is(at, &[";"], &tokens) && (is_use || !is(at, &["{"], &tokens)) {
                 at += 1;
             }
-            at = if is_use || is(at, &[";"]) { at } else { closing(&tokens, at) };
+            at = if is_use || is(at, &[";"], &tokens) { at } else { closing(&tokens, at) };
         } else {
             kept.push(at);
         }
@@ -362,26 +366,26 @@ fn is_name(text: &str) -> bool {
 /// The names and signs of Rust code: no comments, texts, characters, lifetimes or numbers.
 fn tokens(source: &str) -> Vec<Token> {
     let mut tokens = Vec::new();
-    let chars = Vec::from_iter(source.chars());
-    let starts = |at: usize, text: &str| {
+    let chars: Vec<_> = source.chars().collect();
+    fn starts(at: usize, text: &str, chars: &[char]) -> bool {
         text.chars().enumerate().all(|(k, c)| chars.get(at + k) == Some(&c))
-    };
+    }
     let mut at = 0;
     let mut line = 1;
     while at < chars.len() {
         let start = at;
         let c = chars[at];
-        if starts(at, "//") {
+        if starts(at, "//", &chars) {
             while at < chars.len() && chars[at] != '\n' {
                 at += 1;
             }
-        } else if starts(at, "/*") {
+        } else if starts(at, "/*", &chars) {
             let mut depth = 0;
             loop {
-                if starts(at, "/*") {
+                if starts(at, "/*", &chars) {
                     depth += 1;
                     at += 2;
-                } else if starts(at, "*/") {
+                } else if starts(at, "*/", &chars) {
                     depth -= 1;
                     at += 2;
                 } else {
@@ -416,14 +420,14 @@ fn tokens(source: &str) -> Vec<Token> {
             if ["r", "br"].contains(&&*text) && chars.get(at + hashes) == Some(&'"') {
                 let end = format!("\"{}", "#".repeat(hashes));
                 at += hashes + 1;
-                while !starts(at, &end) {
+                while !starts(at, &end, &chars) {
                     at += 1;
                 }
                 at += end.len();
             } else if is_name(&text) {
                 tokens.push(Token { text, line });
             }
-        } else if starts(at, "::") {
+        } else if starts(at, "::", &chars) {
             tokens.push(Token { text: "::".to_owned(), line });
             at += 2;
         } else {

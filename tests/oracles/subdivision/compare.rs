@@ -41,15 +41,23 @@ fn main() -> ExitCode {
     }
     for creased in [false, true] {
         let word = if creased { "with creases" } else { "plain" };
-        let meshes = |triangles| random_meshes(100, triangles, creased);
+        fn meshes(triangles: bool, creased: bool) -> Vec<Mesh> {
+            random_meshes(100, triangles, creased)
+        }
         table.row(
             &osd,
             &format!("100 random meshes, {word}"),
-            &meshes(false),
+            &meshes(false, creased),
             Scheme::CatmullClark,
             4,
         );
-        table.row(&osd, &format!("100 random meshes, {word}"), &meshes(true), Scheme::Loop, 4);
+        table.row(
+            &osd,
+            &format!("100 random meshes, {word}"),
+            &meshes(true, creased),
+            Scheme::Loop,
+            4,
+        );
     }
     let closed: Vec<Mesh> = random_closed(100);
     table.row(&cgal, "100 random closed meshes", &closed, Scheme::DooSabin, 4);
@@ -58,27 +66,29 @@ fn main() -> ExitCode {
 }
 
 fn files(data: &Path) -> Vec<(String, Mesh)> {
-    let read = |path: &str| {
+    fn read(path: &str, data: &Path) -> Mesh {
         let ending = path.rsplit('.').next().unwrap_or_default();
         let bytes = fs::read(data.join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
         read_mesh(&bytes, ending).unwrap_or_else(|error| panic!("{path}: {error}"))
-    };
-    let mug = read("doll/mug_control.obj");
+    }
+    let mug = read("doll/mug_control.obj", data);
     let creases = fs::read(data.join("doll/mug_creases.json")).expect("the mug has creases");
     let creased = read_creases(&mug, &creases).expect("creases of the mug");
-    let coarse = read("doll/doll_coarse.obj");
-    let named = |name: &str, mesh| (name.to_owned(), mesh);
+    let coarse = read("doll/doll_coarse.obj", data);
+    fn named(name: &str, mesh: Mesh) -> (String, Mesh) {
+        (name.to_owned(), mesh)
+    }
     vec![
         named("doll, coarse", coarse.clone()),
         named("doll, coarse, sharp where it bends", crease(&coarse, 20.0, 10.0)),
         named("doll, coarse, half sharp where it bends", crease(&coarse, 20.0, 1.5)),
-        named("doll", read("doll/doll.ply")),
+        named("doll", read("doll/doll.ply", data)),
         named("mug", mug.clone()),
         named("mug, its creases", creased),
         named("mug, sharp where it bends", crease(&mug, 30.0, 10.0)),
-        named("Spot", read("meshes/spot/spot_control_mesh.obj")),
-        named("Spot, triangles", read("meshes/spot/spot_low_resolution.obj")),
-        named("penguin", read("meshes/penguin/penguin_control_mesh.obj")),
+        named("Spot", read("meshes/spot/spot_control_mesh.obj", data)),
+        named("Spot, triangles", read("meshes/spot/spot_low_resolution.obj", data)),
+        named("penguin", read("meshes/penguin/penguin_control_mesh.obj", data)),
     ]
 }
 
@@ -163,14 +173,19 @@ fn text(mesh: &Mesh, how: Subdivision) -> String {
     let counts = [mesh.positions().len(), mesh.faces().len(), mesh.creases().len()];
     let [vertices, faces, creases] = counts;
     let levels = how.levels;
-    let mut line = |line: String| writeln!(text, "{line}").expect("a string can grow");
-    line(format!("{scheme} {levels} {boundary} {creasing} {vertices} {faces} {creases}"));
-    mesh.positions().iter().for_each(|p| line(format!("{:e} {:e} {:e}", p.x, p.y, p.z)));
+    fn line(line: String, text: &mut String) {
+        writeln!(text, "{line}").expect("a string can grow")
+    }
+    line(
+        format!("{scheme} {levels} {boundary} {creasing} {vertices} {faces} {creases}"),
+        &mut text,
+    );
+    mesh.positions().iter().for_each(|p| line(format!("{:e} {:e} {:e}", p.x, p.y, p.z), &mut text));
     for face in mesh.faces().iter() {
         let corners: Vec<String> = face.iter().map(u32::to_string).collect();
-        line(format!("{} {}", face.len(), corners.join(" ")));
+        line(format!("{} {}", face.len(), corners.join(" ")), &mut text);
     }
-    mesh.creases().for_each(|([a, b], sharpness)| line(format!("{a} {b} {sharpness}")));
+    mesh.creases().for_each(|([a, b], sharpness)| line(format!("{a} {b} {sharpness}"), &mut text));
     text
 }
 
@@ -180,9 +195,11 @@ fn distance(ours: &[Point3<f64>], theirs: &[[f64; 3]]) -> f64 {
     let along = Vector3::new(0.726_31, 0.523_17, 0.445_93);
     let sorted =
         |points: &mut Vec<(f64, [f64; 3], u32)>| points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let listed = |point: [f64; 3], index: u32| (along.dot(&Vector3::from(point)), point, index);
-    let mut ours: Vec<_> = ours.iter().zip(0..).map(|(&p, k)| listed(p.into(), k)).collect();
-    let mut theirs: Vec<_> = theirs.iter().zip(0..).map(|(&p, k)| listed(p, k)).collect();
+    fn listed(point: [f64; 3], index: u32, along: Vector3<f64>) -> (f64, [f64; 3], u32) {
+        (along.dot(&Vector3::from(point)), point, index)
+    }
+    let mut ours: Vec<_> = ours.iter().zip(0..).map(|(&p, k)| listed(p.into(), k, along)).collect();
+    let mut theirs: Vec<_> = theirs.iter().zip(0..).map(|(&p, k)| listed(p, k, along)).collect();
     sorted(&mut ours);
     sorted(&mut theirs);
     let window = 1e-7 * theirs.iter().map(|point| point.0.abs()).fold(0.0, f64::max);
@@ -243,10 +260,17 @@ fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mes
     let [m, n] = [0; 2].map(|_| 3 + random.below(4));
     let around = closed || random.below(3) == 0;
     let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
-    let at = |i: usize, j: usize| (i % rows * columns + j % columns) as u32;
+    fn at(i: usize, j: usize, rows: usize, columns: usize) -> u32 {
+        (i % rows * columns + j % columns) as u32
+    }
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for (i, j) in (0..m * n).map(|k| (k / n, k % n)) {
-        let mut quad = vec![at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)];
+        let mut quad = vec![
+            at(i, j, rows, columns),
+            at(i, j + 1, rows, columns),
+            at(i + 1, j + 1, rows, columns),
+            at(i + 1, j, rows, columns),
+        ];
         quad.rotate_left(random.below(4));
         let cut = random.below(3) == 0;
         match random.below(8) {
@@ -276,8 +300,11 @@ fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mes
     // Vertices of no face are dropped: the other programs do not keep them.
     let used: Vec<u32> =
         (0..positions.len() as u32).filter(|v| faces.iter().flatten().any(|c| c == v)).collect();
-    let renamed = |corner: &u32| used.iter().position(|v| v == corner).unwrap_or_default() as u32;
-    let corners = faces.iter().flatten().map(renamed).collect();
+    let corners = faces
+        .iter()
+        .flatten()
+        .map(|corner| used.iter().position(|v| v == corner).unwrap_or_default() as u32)
+        .collect();
     let positions: Vec<_> = used.iter().map(|&v| positions[v as usize]).collect();
     let mesh = Mesh::new(positions, Faces::polygons(&sides, corners).ok()?).ok()?;
     let how = Subdivision {

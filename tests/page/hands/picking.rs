@@ -17,7 +17,7 @@ fn assert_same(said: &str, facts: &Json) {
             Json::Array(items) => items.clone(),
             one => vec![one.clone()],
         };
-        let values = Vec::from_iter(values.split(", "));
+        let values: Vec<_> = values.split(", ").collect();
         assert_eq!(values.len(), fact.len(), "{said}: {name}");
         for (value, fact) in values.into_iter().zip(fact) {
             match fact.as_f64() {
@@ -49,21 +49,31 @@ fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
         // A picture of 400 x 400 in the middle of what is higher or wider.
         let side = width.min(height);
         for [column, row] in [[200.0, 210.0], [120.0, 133.0], [3.0, 399.0]] {
-            let place = |at: f64, start: f64, size: f64| {
+            fn place(at: f64, start: f64, size: f64, side: f64) -> f64 {
                 start + (size - side) / 2.0 + (at + 0.5) * side / 400.0
-            };
+            }
             mouse(&mut browser, "Moved", [left + 1.0, top + 1.0]);
-            mouse(&mut browser, "Moved", [place(column, left, width), place(row, top, height)]);
+            mouse(
+                &mut browser,
+                "Moved",
+                [place(column, left, width, side), place(row, top, height, side)],
+            );
             browser.wait(&format!("{PROBE} !== ''"));
             let said = browser.ask(PROBE);
             let said = said.as_str().unwrap();
-            let inspect = |column: f64, row: f64| {
+            fn inspect(
+                column: f64,
+                row: f64,
+                node: &str,
+                output: &str,
+                project: &Project,
+            ) -> std::process::Output {
                 let (name, at) = (format!("{node}.{output}"), format!("{column},{row}"));
                 project.maquette(&["inspect", "doll.ron", &name, "--at", &at, "--json"])
-            };
+            }
             if !said.starts_with("pixel ") {
                 // Nothing was measured there.
-                let why = inspect(column, row).stderr;
+                let why = inspect(column, row, node, output, &project).stderr;
                 assert!(String::from_utf8(why).unwrap().contains(said), "{said}");
                 continue;
             }
@@ -72,7 +82,7 @@ fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
             let near = if output == "range" { 1.0 } else { 0.0 };
             let off = (pixel[0] - column).abs().max((pixel[1] - row).abs());
             assert!(off <= near, "{said} at {column}, {row}");
-            let inspected = inspect(pixel[0], pixel[1]);
+            let inspected = inspect(pixel[0], pixel[1], node, output, &project);
             let inspected: Json = serde_json::from_slice(&inspected.stdout).unwrap();
             assert_same(said, &inspected["outputs"][0]["facts"]);
         }
@@ -310,7 +320,7 @@ fn a_click_on_a_textured_mesh_picks_its_place_its_pixel_and_its_color() {
         }
         let said = text.split("\"place\": Vector(default: (").nth(1).unwrap();
         let (said, _) = said.split_once(')').unwrap();
-        let place = Vec::from_iter(said.split(", ").map(|it| it.parse::<f64>().unwrap()));
+        let place: Vec<_> = said.split(", ").map(|it| it.parse::<f64>().unwrap()).collect();
         assert!((20.0..40.0).contains(&place[0]) && (0.0..20.0).contains(&place[1]), "{said}");
         assert!(place[2].abs() < 1e-9, "{said}");
     }

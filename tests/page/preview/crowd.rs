@@ -24,8 +24,10 @@ fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
     let mut page = served.page();
     page.look_at("model", "mesh");
     page.wait("value");
-    let connect = || TcpStream::connect(&served.host).unwrap();
-    let mut idle = Vec::from_iter((0..MANY).map(|_| connect()));
+    fn connect(served_host: &str) -> TcpStream {
+        TcpStream::connect(served_host).unwrap()
+    }
+    let mut idle: Vec<_> = (0..MANY).map(|_| connect(&served.host)).collect();
     // Some have begun to ask, and do not go on.
     for stream in &mut idle[MANY - 100..] {
         // One that had to go already cannot be written to.
@@ -52,12 +54,12 @@ fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
     idle[0].read_to_string(&mut told).unwrap();
     assert!(told.starts_with("HTTP/1.1 503 ") && told.contains("128 connections"), "{told}");
     // And who says nothing for long goes, too.
-    let mut silent = connect();
+    let mut silent = connect(&served.host);
     silent.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut told = String::new();
     silent.read_to_string(&mut told).unwrap();
     assert!(told.starts_with("HTTP/1.1 408 "), "{told}");
-    let mut half = connect();
+    let mut half = connect(&served.host);
     half.set_read_timeout(Some(PATIENCE)).unwrap();
     write!(half, "GET / HTTP/1.1\r\n").unwrap();
     let mut told = Vec::new();

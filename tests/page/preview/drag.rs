@@ -41,7 +41,7 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
     let events = served.watch.until("run");
     // What it hangs on is there, if only on disk: nothing else is computed.
     let started = events.iter().filter(|event| event["event"] == "started");
-    let started = Vec::from_iter(started.map(|event| event["node"].as_str().unwrap()));
+    let started: Vec<_> = started.map(|event| event["node"].as_str().unwrap()).collect();
     assert!(started.iter().all(|&node| node == "raised"), "{events:?}");
     assert!((1..=20).contains(&started.len()), "{events:?}");
     // Only what the view did not need has to be computed for the outputs.
@@ -95,7 +95,9 @@ fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
 fn a_hand_that_rests_gives_up_the_value_before() {
     let (project, mut served, mut page, _) = looking_at("skin", "mesh");
     let last = project.hash("skin.mesh", &["levels=0"]);
-    let levels = |levels: &str| json!({ "ask": "drag", "values": [["levels", levels.to_owned()]] });
+    fn levels(levels: &str) -> Json {
+        json!({ "ask": "drag", "values": [["levels", levels.to_owned()]] })
+    }
     page.say(&levels("4"));
     served.watch.wait(|event| event["event"] == "started" && event["node"] == "skin");
     let moved = Instant::now();
@@ -136,8 +138,8 @@ fn values_of_a_drag_that_do_not_do_are_told_once_and_the_picture_stays() {
 #[test]
 fn a_drag_ends_when_somebody_saves_the_file_and_when_its_page_is_gone() {
     let (project, mut served, mut page, _) = looking_at("raised", "net");
-    let hash = |growth: f64| project.hash("raised.net", &[&format!("growth={growth:.1}")]);
-    let [of_25, of_27, of_30] = [25.0, 27.0, 30.0].map(hash);
+    let [of_25, of_27, of_30] = [25.0, 27.0, 30.0]
+        .map(|growth: f64| project.hash("raised.net", &[&format!("growth={growth:.1}")]));
     page.drag("growth", 25.0);
     assert!(page.wait_live(&of_25));
     project.save(&project.doll_text(30.0));

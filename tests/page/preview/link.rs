@@ -25,40 +25,45 @@ fn the_link_of_a_graph_stays_the_same() {
 #[test]
 fn what_is_kept_of_a_link_is_a_secret_and_can_be_lost() {
     let project = Project::doll();
-    let link = || {
-        let mut served = Served::new(&project);
+    fn link(project: &Project) -> String {
+        let mut served = Served::new(project);
         served.page().wait("hello");
         served.watch.end();
         served.link()
-    };
-    let first = link();
-    let kept = || {
+    }
+    let first = link(&project);
+    fn kept(project: &Project) -> PathBuf {
         let mut entries = std::fs::read_dir(project.pages()).unwrap();
         let path = entries.next().unwrap().unwrap().path();
         assert!(entries.next().is_none());
         path
-    };
-    let text = std::fs::read_to_string(kept()).unwrap();
+    }
+    let text = std::fs::read_to_string(kept(&project)).unwrap();
     let token = first.split('#').nth(1).unwrap();
-    assert!(text.contains(token) && !kept().display().to_string().contains("doll"), "{text}");
+    assert!(
+        text.contains(token) && !kept(&project).display().to_string().contains("doll"),
+        "{text}"
+    );
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
-        assert_eq!((mode(&kept()), mode(&project.pages())), (0o600, 0o700));
+        fn mode(path: &Path) -> u32 {
+            std::fs::metadata(path).unwrap().permissions().mode() & 0o777
+        }
+        assert_eq!((mode(&kept(&project)), mode(&project.pages())), (0o600, 0o700));
         // Others could have read it.
-        std::fs::set_permissions(kept(), std::fs::Permissions::from_mode(0o644)).unwrap();
-        assert!(!link().ends_with(token));
-        assert_eq!(mode(&kept()), 0o600);
+        std::fs::set_permissions(kept(&project), std::fs::Permissions::from_mode(0o644)).unwrap();
+        assert!(!link(&project).ends_with(token));
+        assert_eq!(mode(&kept(&project)), 0o600);
     }
-    std::fs::write(kept(), "nothing of the kind").unwrap();
-    let other = link();
+    std::fs::write(kept(&project), "nothing of the kind").unwrap();
+    let other = link(&project);
     assert!(!other.ends_with(token));
-    assert_eq!(link(), other);
+    assert_eq!(link(&project), other);
     // Where nothing can be kept each link is a new one.
     std::fs::remove_dir_all(project.pages()).unwrap();
     std::fs::write(project.pages(), "").unwrap();
-    assert_ne!(link(), link());
+    assert_ne!(link(&project), link(&project));
 }
 
 /// A program of this text, which `sh` runs.
@@ -140,23 +145,29 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
-    let opened = |page: &mut Page, what: Json| {
-        let _ = std::fs::remove_file(&told);
+    fn opened(
+        page: &mut Page,
+        what: Json,
+        told: &Path,
+        project: &Project,
+    ) -> (usize, usize) {
+        let _ = std::fs::remove_file(told);
         page.say(&what);
-        let told = written(&told);
+        let told = written(told);
         let (option, place) = told.trim_end().split_once('\n').unwrap();
         assert_eq!(option, "-g");
         let place = place.strip_prefix(&format!("{}:", project.graph().display()));
         let (line, column) = place.unwrap().split_once(':').unwrap();
         (line.parse::<usize>().unwrap(), column.parse::<usize>().unwrap())
-    };
-    let place_of = |text: &str, words: &str| {
+    }
+    fn place_of(text: &str, words: &str) -> (usize, usize) {
         let (line, row) = text.lines().enumerate().find(|(_, row)| row.contains(words)).unwrap();
         (line + 1, row.find(words).unwrap() + 1)
-    };
-    let at = opened(&mut page, json!({ "ask": "open", "node": "nose" }));
+    }
+    let at = opened(&mut page, json!({ "ask": "open", "node": "nose" }), &told, &project);
     assert_eq!(at, place_of(&text, "ExtractRegion("));
-    let (line, _) = opened(&mut page, json!({ "ask": "open", "node": "nose-mask.png" }));
+    let (line, _) =
+        opened(&mut page, json!({ "ask": "open", "node": "nose-mask.png" }), &told, &project);
     assert_eq!(line, place_of(&text, "\"nose-mask.png\"").0);
     let broken = text.replace("Nurbs(", "Nurb(");
     project.save(&broken);
@@ -168,7 +179,7 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
     };
     let place =
         json!({ "file": problem["file"], "line": problem["line"], "column": problem["column"] });
-    let at = opened(&mut page, json!({ "ask": "open", "problem": place }));
+    let at = opened(&mut page, json!({ "ask": "open", "problem": place }), &told, &project);
     assert_eq!(at, place_of(&broken, "Nurb("));
     let _ = std::fs::remove_file(&told);
     for what in [

@@ -110,14 +110,19 @@ fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
         };
         hits += 1;
         assert_eq!((&answer["kind"], &answer["face"]), (&json!("triangles"), &json!(face)));
-        let at = |name: &str| {
+        fn at(name: &str, answer: &Json) -> Point3<f64> {
             Point3::from(serde_json::from_value::<[f64; 3]>(answer[name].clone()).unwrap())
-        };
-        assert!((at("at") - place).norm() < 1e-6, "{answer} {place}");
-        let far = |v: &u32| (mesh.positions()[*v as usize] - place).norm();
-        let nearest = *faces[face].iter().min_by(|a, b| far(a).total_cmp(&far(b))).unwrap();
+        }
+        assert!((at("at", &answer) - place).norm() < 1e-6, "{answer} {place}");
+        fn far(v: &u32, mesh: &Mesh, place: Point3<f64>) -> f64 {
+            (mesh.positions()[*v as usize] - place).norm()
+        }
+        let nearest = *faces[face]
+            .iter()
+            .min_by(|a, b| far(a, &mesh, place).total_cmp(&far(b, &mesh, place)))
+            .unwrap();
         assert_eq!(answer["vertex"], nearest, "{answer}");
-        assert_eq!(at("vertex_at"), mesh.positions()[nearest as usize]);
+        assert_eq!(at("vertex_at", &answer), mesh.positions()[nearest as usize]);
         let told = mesh.vertex().iter().chain(mesh.corner().iter()).map(|(name, _)| name);
         let (of_vertex, of_corner) = (&answer["attributes"], &answer["corner_attributes"]);
         assert!(

@@ -21,26 +21,28 @@ fn what_became_a_draft_or_was_left_out_is_taken_back_as_it_was() {
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
-    let text = || std::fs::read_to_string(project.graph()).unwrap();
-    let before = text();
-    let set = |page: &mut Page, target: &str, value: &str| {
+    fn text(project: &Project) -> String {
+        std::fs::read_to_string(project.graph()).unwrap()
+    }
+    let before = text(&project);
+    fn set(page: &mut Page, target: &str, value: &str) {
         page.say(&json!({ "ask": "set", "values": [[target, value]] }));
         page.wait("done");
-    };
+    }
     set(&mut page, "far", "2.5");
-    let first = text();
+    let first = text(&project);
     assert!(first.contains("Draft(final: 1.0, draft: 2.5)"), "{first}");
     set(&mut page, "far", "3.5");
     set(&mut page, "moved.scale", "(2, 2, 2)");
     assert!(
-        text().contains("scale: Draft(final: (1.0, 1.0, 1.0), draft: (2, 2, 2))"),
+        text(&project).contains("scale: Draft(final: (1.0, 1.0, 1.0), draft: (2, 2, 2))"),
         "{}",
-        text()
+        text(&project)
     );
     for expected in [first.replace("2.5", "3.5"), first.clone(), before] {
         page.say(&json!({ "ask": "undo" }));
         page.wait("done");
-        assert_eq!(text(), expected);
+        assert_eq!(text(&project), expected);
     }
     // Where the rest of the file is another one, nothing half is put back.
     set(&mut page, "far", "2.5");
@@ -51,6 +53,6 @@ fn what_became_a_draft_or_was_left_out_is_taken_back_as_it_was() {
     let refused = page.wait("refused");
     let why = "it was no `Draft` before, and the file has been changed since: take it out there";
     assert_eq!(refused["why"], why);
-    assert_eq!(text(), later);
+    assert_eq!(text(&project), later);
     served.watch.end();
 }

@@ -51,8 +51,7 @@ pub fn extract_palette(
     within: Option<&Mask>,
     count: usize,
 ) -> Result<Palette, SizeError> {
-    let fits = |mask: &Mask| [mask.width(), mask.height()] == [image.width(), image.height()];
-    if !within.is_none_or(fits) {
+    if !within.is_none_or(|mask| [mask.width(), mask.height()] == [image.width(), image.height()]) {
         return Err(SizeError);
     }
     let mut counts: BTreeMap<Rgb, usize> = BTreeMap::new();

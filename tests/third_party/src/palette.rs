@@ -45,8 +45,10 @@ impl Value for Palette {
         const SIDE: usize = 16;
         let row: Vec<Rgb> = self.0.iter().flat_map(|&color| [color; SIDE]).collect();
         let image = Image::new(row.len(), SIDE, row.repeat(SIDE));
-        let layer = |image| Layer::Picture(Picture { image, registration: None, drawn: true });
-        image.into_iter().map(layer).collect()
+        image
+            .into_iter()
+            .map(|image| Layer::Picture(Picture { image, registration: None, drawn: true }))
+            .collect()
     }
 
     fn hostile() -> Vec<Self> {
@@ -106,7 +108,9 @@ fn colors_of(bytes: &[u8]) -> Result<Vec<Rgb>, GimpPaletteError> {
     if lines.next().is_none_or(|(_, line)| line.trim() != "GIMP Palette") {
         return Err(GimpPaletteError::Start);
     }
-    let is_color = |line: &str| line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+    fn is_color(line: &str) -> bool {
+        line.trim_start().starts_with(|c: char| c.is_ascii_digit())
+    }
     let colors = lines.filter(|(_, line)| is_color(line)).map(|(index, line)| {
         let mut numbers = line.split_whitespace().map_while(|word| word.parse::<u8>().ok());
         let color = [numbers.next(), numbers.next(), numbers.next()];

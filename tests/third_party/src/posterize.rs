@@ -36,13 +36,16 @@ impl Node for Posterize {
 /// If the palette is empty.
 pub fn posterize(image: &Image, palette: &Palette) -> Result<Image, EmptyPalette> {
     let colors: Vec<_> = palette.0.iter().map(|&color| (color, Color(color).lab())).collect();
-    let nearest = |pixel| {
+    fn nearest(pixel: [u8; 3], colors: &[([u8; 3], maquette::value::Lab)]) -> Option<[u8; 3]> {
         let lab = Color(pixel).lab();
-        let by_distance = |a: &f32, b: &f32| a.total_cmp(b);
+        fn by_distance(a: &f32, b: &f32) -> std::cmp::Ordering {
+            a.total_cmp(b)
+        }
         let distances = colors.iter().map(|(color, at)| (color, lab.distance_sq(*at, 1.0)));
         distances.min_by(|a, b| by_distance(&a.1, &b.1)).map(|(color, _)| *color)
-    };
-    let pixels: Option<Vec<_>> = image.pixels().iter().map(|&pixel| nearest(pixel)).collect();
+    }
+    let pixels: Option<Vec<_>> =
+        image.pixels().iter().map(|&pixel| nearest(pixel, &colors)).collect();
     let pixels = pixels.ok_or(EmptyPalette)?;
     Ok(Image::new(image.width(), image.height(), pixels).expect("as many pixels as before"))
 }

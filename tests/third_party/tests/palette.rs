@@ -51,7 +51,7 @@ fn its_columns_are_a_table() {
     let output = inspect(&["--table"]);
     let text = String::from_utf8(output.stdout).unwrap();
     let row = text.lines().find(|line| line.trim_start().starts_with("color ")).unwrap();
-    let words = Vec::from_iter(row.split_whitespace().take(4));
+    let words: Vec<_> = row.split_whitespace().take(4).collect();
     assert_eq!(words, ["color", "entry", "level", "3"], "{text}");
     let output = inspect(&["--table", "--json"]);
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -87,25 +87,28 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
     }
     let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let mut session = Session::new(&packs, &Settings::in_memory()).unwrap();
-    let mut run = || {
+    fn run(
+        session: &mut Session,
+        folder: &tempfile::TempDir,
+    ) -> (State, Vec<[u8; 3]>, Vec<String>) {
         let checked = session.load(&folder.path().join("ReadPalette.ron"), &Options::default());
         let everything = Run { wanted: Wanted::Everything, ..Run::default() };
         let Ok(done) = session.run(&checked.graph.unwrap(), &everything) else { panic!() };
         let trace = done.trace();
         let node = trace.0.iter().find(|node| node.name == "colors").unwrap();
         let colors = done.get::<Palette>("colors").unwrap().0.to_vec();
-        let warnings = Vec::from_iter(done.problems().iter().map(|it| it.message.clone()));
+        let warnings: Vec<_> = done.problems().iter().map(|it| it.message.clone()).collect();
         (node.state, colors, warnings)
-    };
-    let first = run();
+    }
+    let first = run(&mut session, &folder);
     assert_eq!((first.0, first.1.len(), first.2.len()), (State::Computed, 5, 0));
-    assert_eq!(run().0, State::Cached);
+    assert_eq!(run(&mut session, &folder).0, State::Cached);
     let grays = folder.path().join("grays.gpl");
     std::fs::write(&grays, "GIMP Palette\n1 2 3\n").unwrap();
-    let second = run();
+    let second = run(&mut session, &folder);
     assert_eq!((second.0, &second.1[0], second.1.len()), (State::Computed, &[1, 2, 3], 3));
     std::fs::remove_file(&grays).unwrap();
-    let third = run();
+    let third = run(&mut session, &folder);
     assert_eq!((third.0, third.1.len()), (State::Computed, 2));
     assert_eq!(third.2, ["`colors`: there is no file `grays.gpl`: its colors are left out"]);
 }
@@ -113,33 +116,38 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
 #[test]
 fn old_names_in_patches_and_tests_are_migrated_too() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
+        std::fs::write(folder.path().join(name), text).unwrap()
+    }
     let graphs = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/");
     std::fs::copy(format!("{graphs}color.png"), folder.path().join("color.png")).unwrap();
     std::fs::copy(format!("{graphs}Posterize.ron"), folder.path().join("poster.ron")).unwrap();
     let test = "// Fewer colors.\nTest(graph: \"p*.ron\", cases: { \"few\": (set: { \"palette.colors\": 2 }) })\n";
     let patch = "Patch(of: \"poster.ron\", nodes: { \"palette\": (colors: 3) })\n";
-    write("poster.test.ron", test);
-    write("patch.ron", patch);
-    let run = |words: &[&str]| {
+    write("poster.test.ron", test, &folder);
+    write("patch.ron", patch, &folder);
+    fn run(words: &[&str], folder: &tempfile::TempDir) -> (String, bool) {
         let done = program().args(words).current_dir(folder.path()).output().unwrap();
         let told = [done.stdout, done.stderr].concat();
         (String::from_utf8(told).unwrap(), done.status.success())
-    };
-    let (told, done) = run(&["run", "patch.ron", "--no-cache"]);
+    }
+    let (told, done) = run(&["run", "patch.ron", "--no-cache"], &folder);
     assert!(
         done && told.contains("field `colors` of ExtractPalette is called `count` now"),
         "{told}"
     );
-    let (told, done) = run(&["run", "poster.ron", "--no-cache", "--set", "palette.colors=2"]);
+    let (told, done) =
+        run(&["run", "poster.ron", "--no-cache", "--set", "palette.colors=2"], &folder);
     assert!(done && told.contains("--set palette.colors=2: field `colors`"), "{told}");
-    assert!(!run(&["migrate", ".", "--check"]).1);
-    let (told, done) = run(&["migrate", ".", "--write"]);
+    assert!(!run(&["migrate", ".", "--check"], &folder).1);
+    let (told, done) = run(&["migrate", ".", "--write"], &folder);
     assert!(done && told.ends_with("2 files migrated\n"), "{told}");
-    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
-    assert_eq!(read("poster.test.ron"), test.replace("colors\"", "count\""));
-    assert_eq!(read("patch.ron"), patch.replace("colors", "count"));
-    assert!(run(&["migrate", ".", "--check"]).1);
+    fn read(name: &str, folder: &tempfile::TempDir) -> String {
+        std::fs::read_to_string(folder.path().join(name)).unwrap()
+    }
+    assert_eq!(read("poster.test.ron", &folder), test.replace("colors\"", "count\""));
+    assert_eq!(read("patch.ron", &folder), patch.replace("colors", "count"));
+    assert!(run(&["migrate", ".", "--check"], &folder).1);
 }
 
 #[test]
@@ -149,7 +157,7 @@ fn an_old_graph_runs_with_the_pack_and_what_does_not_need_it_without() {
     let told = |packs: &[&Pack]| {
         let mut session = Session::new(packs, &Settings::in_memory()).unwrap();
         let checked = session.load(&path, &Options::default()).as_far_as_known();
-        let told = Vec::from_iter(checked.problems.iter().map(|it| (it.code, it.help.clone())));
+        let told: Vec<_> = checked.problems.iter().map(|it| (it.code, it.help.clone())).collect();
         let done = session.run(&checked.graph.unwrap(), &Run::default()).unwrap();
         (told, ["poster.png", "red.png"].map(|name| done.value(name).is_some()))
     };

@@ -20,8 +20,8 @@ fn split(
     let mut place = vec![0; points.len()];
     (0..).zip(&order).for_each(|(new, &old)| place[old as usize] = new);
     let faces: Vec<[u32; 3]> = faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
-    let is_data = |face: &[u32; 3]| face.iter().all(|&vertex| (vertex as usize) < data);
-    let (mut faces, filled): (Vec<_>, Vec<_>) = faces.into_iter().partition(is_data);
+    let (mut faces, filled): (Vec<_>, Vec<_>) =
+        faces.into_iter().partition(|face| face.iter().all(|&vertex| (vertex as usize) < data));
     let kept = faces.len();
     faces.extend(filled);
     let points = order.iter().map(|&vertex| points[vertex as usize]).collect();
@@ -34,11 +34,9 @@ pub(super) fn grid(
     missing: impl Fn(f64, f64) -> bool,
     height: impl Fn(f64, f64) -> f64,
 ) -> Filling {
-    let at = |k: u32| -1.0 + 2.0 * f64::from(k) / f64::from(side - 1);
-    let point = |k: u32| {
-        let (x, y) = (at(k % side), at(k / side));
-        Point3::new(x, y, height(x, y))
-    };
+    fn at(k: u32, side: u32) -> f64 {
+        -1.0 + 2.0 * f64::from(k) / f64::from(side - 1)
+    }
     let quads = (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| row * side + column));
     let faces = quads.flat_map(|k| {
         let [a, b, c, d] = [k, k + 1, k + side, k + side + 1];
@@ -48,7 +46,12 @@ pub(super) fn grid(
             [[a, b, c], [b, d, c]]
         }
     });
-    let points = (0..side * side).map(point).collect();
+    let points = (0..side * side)
+        .map(|k: u32| {
+            let (x, y) = (at(k % side, side), at(k / side, side));
+            Point3::new(x, y, height(x, y))
+        })
+        .collect();
     split(points, faces.collect(), |point| missing(point.x, point.y))
 }
 
@@ -63,12 +66,14 @@ pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Fi
     for [a, b] in [[-1.0, golden], [1.0, golden], [-1.0, -golden], [1.0, -golden]] {
         points.extend([[a, b, 0.0], [0.0, a, b], [b, 0.0, a]].map(Vector3::from));
     }
-    let near = |a: usize, b: usize| (points[a] - points[b]).norm() < 2.1;
+    fn near(a: usize, b: usize, points: &[Vector3<f64>]) -> bool {
+        (points[a] - points[b]).norm() < 2.1
+    }
     let mut faces = Vec::new();
     for a in 0..12 {
         for b in a + 1..12 {
             for c in b + 1..12 {
-                if near(a, b) && near(b, c) && near(a, c) {
+                if near(a, b, &points) && near(b, c, &points) && near(a, c, &points) {
                     let out =
                         (points[b] - points[a]).cross(&(points[c] - points[a])).dot(&points[a]);
                     faces.push(if out > 0.0 { [a, b, c] } else { [a, c, b] }.map(|v| v as u32));
@@ -78,15 +83,24 @@ pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Fi
     }
     for _ in 0..times {
         let mut middles = HashMap::new();
-        let mut middle = |a: u32, b: u32| {
+        fn middle(
+            a: u32,
+            b: u32,
+            middles: &mut HashMap<[u32; 2], u32>,
+            points: &mut Vec<Vector3<f64>>,
+        ) -> u32 {
             *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
                 points.push((points[a as usize] + points[b as usize]) / 2.0);
                 points.len() as u32 - 1
             })
-        };
+        }
         faces = (faces.iter())
             .flat_map(|&[a, b, c]| {
-                let [d, e, f] = [middle(a, b), middle(b, c), middle(c, a)];
+                let [d, e, f] = [
+                    middle(a, b, &mut middles, &mut points),
+                    middle(b, c, &mut middles, &mut points),
+                    middle(c, a, &mut middles, &mut points),
+                ];
                 [[a, d, f], [d, b, e], [f, e, c], [d, e, f]]
             })
             .collect();
@@ -101,14 +115,15 @@ pub(super) fn plate(filling: &mut Filling) {
     let surface = Surface::new(points.len(), faces);
     let plate = Plate::new(&surface, points.len(), *data, |_| 0.0).unwrap();
     // From where they are, what takes their Laplacians away.
-    let laplacian = |vertex: usize| {
-        let spokes = surface
-            .ring(vertex as u32)
-            .iter()
-            .map(|&other| points[other as usize] - points[vertex]);
-        spokes.sum::<Vector3<f64>>()
-    };
-    let rows: Vec<Vector3<f64>> = (0..points.len()).map(laplacian).collect();
+    let rows: Vec<Vector3<f64>> = (0..points.len())
+        .map(|vertex: usize| {
+            let spokes = surface
+                .ring(vertex as u32)
+                .iter()
+                .map(|&other| points[other as usize] - points[vertex]);
+            spokes.sum::<Vector3<f64>>()
+        })
+        .collect();
     let axes: [Vec<[f64; 3]>; 3] = [0, 1, 2].map(|axis| {
         let wanted: Vec<f64> = rows.iter().map(|row| row[axis]).collect();
         plate.solve(plate.load(&wanted))

@@ -15,8 +15,8 @@ fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> valu
 fn a_planar_rectangle_is_its_own_net() {
     let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
     for (width, height) in [(7, 5), (5, 7), (6, 6), (4, 11)] {
-        let inside = |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y);
-        let rectangle = region(&range, inside);
+        let rectangle =
+            region(&range, |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y));
         let net = net(&rectangle, &range, 0, 0);
         assert_eq!((net.rows(), net.columns()), (height, width));
         let coordinates = &net.chart().unwrap().coordinates;
@@ -77,10 +77,14 @@ fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
         let holed = region(&range, |x, y| shape(x, y) && !(22..25).contains(&x));
         let whole = region(&range, shape);
         let net = net(&whole, &range, 0, 0);
-        let at = |row: usize, column: usize| net.points()[row * net.columns() + column];
+        fn at(row: usize, column: usize, net: &maquette_value::ControlNet) -> Point3<f64> {
+            net.points()[row * net.columns() + column]
+        }
         let (row, column) = (net.rows() / 2, net.columns() / 2);
-        let (down, right) =
-            (at(row + 1, column) - at(row, column), at(row, column + 1) - at(row, column));
+        let (down, right) = (
+            at(row + 1, column, &net) - at(row, column, &net),
+            at(row, column + 1, &net) - at(row, column, &net),
+        );
         assert!(down.cross(&right).z < 0.0);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
@@ -99,12 +103,12 @@ fn given_corners_are_the_corners_of_the_net() {
     };
     // A quarter turn, and the third corner in the middle of a side, given a little outside.
     let net = made([[5, 14], [20, 14], [22, 8], [5, 3]]).unwrap();
-    let at = |row: usize, column: usize| {
+    fn at(row: usize, column: usize, net: &maquette_value::ControlNet) -> [f64; 2] {
         let point = net.points()[row * 5 + column];
         [point.x, point.y]
-    };
-    assert_eq!([at(0, 0), at(6, 0)], [[5.0, 14.0], [20.0, 14.0]]);
-    assert_eq!([at(6, 4), at(0, 4)], [[20.0, 8.0], [5.0, 3.0]]);
+    }
+    assert_eq!([at(0, 0, &net), at(6, 0, &net)], [[5.0, 14.0], [20.0, 14.0]]);
+    assert_eq!([at(6, 4, &net), at(0, 4, &net)], [[20.0, 8.0], [5.0, 3.0]]);
     let chart = net.chart().unwrap();
     assert_eq!(chart.coordinates[rectangle.find(8 * 30 + 20).unwrap()], [6.0, 4.0]);
     // As they are chosen.
@@ -124,12 +128,18 @@ fn spikes_go_with_the_cell_they_hang_on_and_parts_are_refused() {
     let spiked = region(&range, |x, y| (x < 6 && y < 5) || (y == 2 && x < 10));
     let net = net(&spiked, &range, 5, 9);
     let chart = net.chart().unwrap();
-    let at = |x: usize| chart.coordinates[spiked.find(2 * 16 + x).unwrap()];
-    assert_eq!(at(9), at(7));
-    let refused = |region: &Region| {
-        control_net(region, &range, HARMONIC, 0, 0, &Progress::none()).unwrap_err()
-    };
-    assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x))), NetError::Parts);
+    fn at(
+        x: usize,
+        spiked: &Region,
+        chart_coordinates: &maquette_value::Column<[f64; 2]>,
+    ) -> [f64; 2] {
+        chart_coordinates[spiked.find(2 * 16 + x).unwrap()]
+    }
+    assert_eq!(at(9, &spiked, &chart.coordinates), at(7, &spiked, &chart.coordinates));
+    fn refused(region: &Region, range: &RangeImage) -> NetError {
+        control_net(region, range, HARMONIC, 0, 0, &Progress::none()).unwrap_err()
+    }
+    assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x)), &range), NetError::Parts);
     let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
-    assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9)), line);
+    assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9), &range), line);
 }

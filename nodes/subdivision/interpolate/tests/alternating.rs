@@ -5,21 +5,26 @@ use crate::shapes::polygons;
 
 /// A closed or open grid of quads whose vertices alternate by this amplitude.
 fn checkered(closed: bool, [n, m]: [u32; 2], amplitude: f64) -> Mesh {
-    let sign = |k: u32| if (k % n + k / n).is_multiple_of(2) { amplitude } else { -amplitude };
+    fn sign(k: u32, n: u32, amplitude: f64) -> f64 {
+        if (k % n + k / n).is_multiple_of(2) { amplitude } else { -amplitude }
+    }
     if closed {
         let flat = torus(n, m, false);
-        let out = |k: u32| {
+        fn out(k: u32, n: u32, m: u32, amplitude: f64) -> Vector3<f64> {
             let [u, v] = [f64::from(k % n) / f64::from(n), f64::from(k / n) / f64::from(m)];
             let [u, v] = [u, v].map(|t| t * std::f64::consts::TAU);
             let [x, y] = [libm::cos(u), libm::sin(u)].map(|x| x * libm::cos(v));
-            Vector3::new(x, y, libm::sin(v)) * sign(k)
-        };
-        let places = (0..).zip(flat.positions().iter()).map(|(k, place)| place + out(k));
+            Vector3::new(x, y, libm::sin(v)) * sign(k, n, amplitude)
+        }
+        let places =
+            (0..).zip(flat.positions().iter()).map(|(k, place)| place + out(k, n, m, amplitude));
         return flat.with_positions(places.collect()).unwrap();
     }
-    let places = (0..n * m).map(|k| Point3::new(f64::from(k % n), f64::from(k / n), sign(k)));
-    let quad = |k: u32| [k, k + 1, k + 1 + n, k + n].to_vec();
-    let quads = (0..n * (m - 1)).filter(|k| k % n + 1 < n).map(quad);
+    let places =
+        (0..n * m).map(|k| Point3::new(f64::from(k % n), f64::from(k / n), sign(k, n, amplitude)));
+    let quads = (0..n * (m - 1))
+        .filter(|k| k % n + 1 < n)
+        .map(|k: u32| [k, k + 1, k + 1 + n, k + n].to_vec());
     polygons(quads.collect(), places.collect())
 }
 

@@ -13,17 +13,23 @@ use crate::solve::extent::diagonal;
 /// The meshes of the shared data; none where it is not beside the project.
 fn shared() -> Vec<(String, Mesh)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/meshes");
-    let inside = |path: &Path| std::fs::read_dir(path).into_iter().flatten().flatten();
+    fn inside(
+        path: &Path,
+    ) -> std::iter::Flatten<std::iter::Flatten<std::result::IntoIter<std::fs::ReadDir>>> {
+        std::fs::read_dir(path).into_iter().flatten().flatten()
+    }
     let files = inside(&folder).flat_map(|entry| inside(&entry.path()).map(|file| file.path()));
     let mut files = Vec::from_iter(files);
     files.sort();
-    let mesh = |path: PathBuf| {
-        path.extension()?.to_str().filter(|format| ["obj", "ply"].contains(format))?;
-        let name = path.file_stem()?.to_str()?.to_owned();
-        let mesh = read(&path);
-        Some((name, mesh)).filter(|(_, mesh)| !mesh.faces().is_empty())
-    };
-    files.into_iter().filter_map(mesh).collect()
+    files
+        .into_iter()
+        .filter_map(|path: PathBuf| {
+            path.extension()?.to_str().filter(|format| ["obj", "ply"].contains(format))?;
+            let name = path.file_stem()?.to_str()?.to_owned();
+            let mesh = read(&path);
+            Some((name, mesh)).filter(|(_, mesh)| !mesh.faces().is_empty())
+        })
+        .collect()
 }
 
 fn read(path: &Path) -> Mesh {
@@ -186,7 +192,7 @@ fn a_shrunk_part_does_not_find_another_sheet() {
     // Two plates face each other, nearer than a step of the iteration shrinks their corners.
     let mesh = refined(&cube(), Scheme::CatmullClark, 1, false);
     let thin = |z: f64| mesh.positions().iter().map(move |p| Point3::new(p.x, p.y, 0.01 * p.z + z));
-    let places = Vec::from_iter(thin(0.0).chain(thin(0.03)));
+    let places: Vec<_> = thin(0.0).chain(thin(0.03)).collect();
     let count = mesh.positions().len() as u32;
     let corners = mesh.faces().corners().iter().copied();
     let corners = corners.clone().chain(corners.map(|corner| corner + count));

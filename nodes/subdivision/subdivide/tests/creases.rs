@@ -10,8 +10,12 @@ use crate::refine::manifold::manifold;
 use crate::{Boundary, Corners, Creases, Scheme};
 
 fn triangulated(faces: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
-    let cut = |face: Vec<u32>| (2..face.len()).map(move |k| vec![face[0], face[k - 1], face[k]]);
-    faces.into_iter().flat_map(cut).collect()
+    faces
+        .into_iter()
+        .flat_map(|face: Vec<u32>| {
+            (2..face.len()).map(move |k| vec![face[0], face[k - 1], face[k]])
+        })
+        .collect()
 }
 
 #[test]
@@ -19,10 +23,12 @@ fn by_hoppe_an_irregular_crease_vertex_has_weights_1_3_1() {
     // The crease runs through the middle of a fan of 3 + 5 triangles on both sides of the vertex 0.
     let faces = rosette(8, 3);
     let mesh = scattered(faces).with_creases([([0, 1], 10.0), ([0, 4], 10.0)]).unwrap();
-    let how = |levels| Subdivision {
-        creases: Creases::Hoppe94,
-        ..with(Scheme::Loop, levels, true, Boundary::EdgeOnly)
-    };
+    fn how(levels: u32) -> Subdivision {
+        Subdivision {
+            creases: Creases::Hoppe94,
+            ..with(Scheme::Loop, levels, true, Boundary::EdgeOnly)
+        }
+    }
     let [c, left, right] = [0, 1, 4].map(|k| mesh.positions()[k].coords);
     let direct = subdivide(&mesh, how(0)).unwrap().positions()[0].coords;
     // The ends are on the border and have three edges there: not regular, so that the first step halves the crease's edges.
@@ -41,17 +47,22 @@ fn by_hoppe_the_limit_is_the_same_from_every_level() {
         let edges = mesh.edges().vertices;
         let creases: Vec<_> = edges.into_iter().filter(|[a, b]| (a + b) % 3 == 0).collect();
         // No vertex is a dart, whose limit no rule set has.
-        let count = |v: u32| creases.iter().filter(|ends| ends.contains(&v)).count();
-        let lasting = creases.iter().filter(|ends| ends.iter().all(|&end| count(end) != 1));
+        fn count(v: u32, creases: &[[u32; 2]]) -> usize {
+            creases.iter().filter(|ends| ends.contains(&v)).count()
+        }
+        let lasting =
+            creases.iter().filter(|ends| ends.iter().all(|&end| count(end, &creases) != 1));
         let mesh =
             mesh.with_creases(lasting.map(|&ends| (ends, 10.0)).collect::<Vec<_>>()).unwrap();
-        let count = |v: u32| mesh.creases().filter(|(ends, _)| ends.contains(&v)).count();
-        let darts: Vec<u32> =
-            (0..mesh.positions().len() as u32).filter(|&v| count(v) == 1).collect();
-        let how = |levels| Subdivision {
-            creases: Creases::Hoppe94,
-            ..with(Scheme::Loop, levels, true, Boundary::EdgeAndCorner)
-        };
+        let darts: Vec<u32> = (0..mesh.positions().len() as u32)
+            .filter(|v| mesh.creases().filter(|(ends, _)| ends.contains(v)).count() == 1)
+            .collect();
+        fn how(levels: u32) -> Subdivision {
+            Subdivision {
+                creases: Creases::Hoppe94,
+                ..with(Scheme::Loop, levels, true, Boundary::EdgeAndCorner)
+            }
+        }
         let direct = subdivide(&mesh, how(0)).unwrap();
         for levels in 1..4 {
             let later = subdivide(&mesh, how(levels)).unwrap();
@@ -74,7 +85,7 @@ fn by_hoppe_the_limit_is_the_same_from_every_level() {
 
 #[test]
 fn by_chaikin_the_sharpness_of_neighboring_edges_flows_together() {
-    let creased = |creases| {
+    fn creased(creases: Creases) -> Vec<f64> {
         let mesh =
             scattered(sheet(4, 4, false)).with_creases([([11, 12], 4.0), ([12, 13], 2.0)]).unwrap();
         let how =
@@ -82,11 +93,11 @@ fn by_chaikin_the_sharpness_of_neighboring_edges_flows_together() {
         let refined = subdivide(&mesh, how).unwrap();
         let sharpness: Vec<f64> = refined.creases().map(|(_, sharpness)| sharpness).collect();
         sharpness
-    };
-    let sorted = |mut sharpness: Vec<f64>| {
+    }
+    fn sorted(mut sharpness: Vec<f64>) -> Vec<f64> {
         sharpness.sort_by(f64::total_cmp);
         sharpness
-    };
+    }
     assert_eq!(sorted(creased(Creases::OpenSubdiv)), [1.0, 1.0, 3.0, 3.0]);
     // At the vertex between both: 3/4 4 + 1/4 2 - 1 and 3/4 2 + 1/4 4 - 1; at the ends there is no neighbor.
     assert_eq!(sorted(creased(Creases::Chaikin)), [1.0, 1.5, 2.5, 3.0]);

@@ -115,13 +115,15 @@ fn derivatives_are_those_of_the_points_and_neighboring_faces_meet() {
                     let here = at(u, v);
                     let [right, left, up, down] =
                         [at(u + STEP, v), at(u - STEP, v), at(u, v + STEP), at(u, v - STEP)];
-                    let slope = |a: &LimitPoint, b: &LimitPoint| (a.point - b.point) / (2.0 * STEP);
+                    fn slope(a: &LimitPoint, b: &LimitPoint) -> Vector3<f64> {
+                        (a.point - b.point) / (2.0 * STEP)
+                    }
                     let error = (slope(&right, &left) - here.first[0]).norm();
                     assert!(error < 1e-6, "{scheme:?} {face} {u} {v} {error}");
                     assert!((slope(&up, &down) - here.first[1]).norm() < 1e-6);
-                    let bend = |a: &LimitPoint, b: &LimitPoint, k: usize| {
+                    fn bend(a: &LimitPoint, b: &LimitPoint, k: usize) -> Vector3<f64> {
                         (a.first[k] - b.first[k]) / (2.0 * STEP)
-                    };
+                    }
                     let [uu, uv, vv] = here.second.unwrap();
                     let scale = 1.0 + uu.norm().max(vv.norm()).max(uv.norm());
                     assert!((bend(&right, &left, 0) - uu).norm() < 1e-3 * scale);

@@ -27,10 +27,12 @@ fn what_follows_some_control_points_has_the_bits_of_the_whole_product() {
                     let reached = live.update(&changed);
                     let whole = plan.apply(&mesh.with_positions(places.clone()).unwrap()).unwrap();
                     assert_eq!(live.places(), &whole.positions()[..], "{scheme:?} {vertex}");
-                    let is_reached = |k: usize| reached.binary_search(&(k as u32)).is_ok();
+                    fn is_reached(k: usize, reached: &[u32]) -> bool {
+                        reached.binary_search(&(k as u32)).is_ok()
+                    }
                     assert!(
                         (0..before.len())
-                            .all(|k| is_reached(k) || before[k] == whole.positions()[k])
+                            .all(|k| is_reached(k, &reached) || before[k] == whole.positions()[k])
                     );
                 }
             }

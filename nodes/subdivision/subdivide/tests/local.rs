@@ -17,25 +17,29 @@ fn meshes(scheme: Scheme) -> Vec<Mesh> {
         Scheme::Loop => vec![icosahedron(), bipyramid(7), rosette(5, 3), fan(3, 3)],
         _ => vec![cube_faces(), prism(5), sheet(12, 12, false), patchwork()],
     };
-    let decorated = |mesh: Mesh| {
+    fn decorated(mesh: Mesh) -> Mesh {
         let edges = mesh.edges().vertices;
         let creases = edges.into_iter().step_by(4).zip([10.0, 1.5, 0.5]);
         let [vertices, faces] = [mesh.positions().len(), mesh.faces().len()];
         let corners = mesh.faces().corners().len();
-        let numbers = |count: usize| Attribute::Number((0..count).map(|k| k as f64).collect());
+        fn numbers(count: usize) -> Attribute {
+            Attribute::Number((0..count).map(|k| k as f64).collect())
+        }
         let uv = Attribute::Pair((0..vertices).map(|k| [k as f64 * 0.1, 0.5]).collect());
         let mesh = mesh.with_creases(Vec::from_iter(creases)).unwrap();
         let mesh = mesh.with_vertex("uv", uv).unwrap();
         let mesh = mesh.with_corner("weight", numbers(corners)).unwrap();
         mesh.with_face("part", numbers(faces)).unwrap()
-    };
-    let mut plain = Vec::from_iter(faces.into_iter().map(scattered));
+    }
+    let mut plain: Vec<_> = faces.into_iter().map(scattered).collect();
     let flat = if scheme == Scheme::Loop { flat_sheet(12) } else { lattice(12, |_, _| 0.0) };
     // Without an area here and there: normals are those of the faces around, or none.
-    let squashed = |(k, place): (usize, &Point3<f64>)| {
-        Point3::new(place.x, place.y * (k / 40 % 2) as f64, 0.0)
-    };
-    let squashed = Vec::from_iter(flat.positions().iter().enumerate().map(squashed));
+    let squashed: Vec<_> = flat
+        .positions()
+        .iter()
+        .enumerate()
+        .map(|(k, place)| Point3::new(place.x, place.y * (k / 40 % 2) as f64, 0.0))
+        .collect();
     plain.extend([flat.with_positions(squashed).unwrap(), flat]);
     plain.iter().cloned().chain(plain.iter().cloned().map(decorated)).collect()
 }
@@ -103,18 +107,24 @@ fn little_is_computed_where_little_has_moved() {
 #[test]
 fn where_more_than_places_differs_all_is_computed() {
     let mesh = scattered(bipyramid(4));
-    let uv = |k: f64| Attribute::Pair(vec![[k, 0.0]; mesh.positions().len()].into());
-    let with_uv = |k: f64| mesh.clone().with_vertex("uv", uv(k)).unwrap();
-    assert_eq!(moved(&with_uv(0.0), &with_uv(0.0)), Some(vec![]));
+    fn uv(k: f64, mesh: &Mesh) -> Attribute {
+        Attribute::Pair(vec![[k, 0.0]; mesh.positions().len()].into())
+    }
+    fn with_uv(k: f64, mesh: &Mesh) -> Mesh {
+        mesh.clone().with_vertex("uv", uv(k, mesh)).unwrap()
+    }
+    assert_eq!(moved(&with_uv(0.0, &mesh), &with_uv(0.0, &mesh)), Some(vec![]));
     // Equal numbers, other bytes.
-    assert_eq!(moved(&with_uv(0.0), &with_uv(-0.0)), None);
-    assert_eq!(moved(&mesh, &with_uv(0.0)), None);
+    assert_eq!(moved(&with_uv(0.0, &mesh), &with_uv(-0.0, &mesh)), None);
+    assert_eq!(moved(&mesh, &with_uv(0.0, &mesh)), None);
     let creased = mesh.clone().with_creases([([0, 1], 2.0)]).unwrap();
     assert_eq!(moved(&mesh, &creased), None);
     assert_eq!(moved(&mesh, &mesh.clone().with_frame(None)), Some(vec![]));
     assert_eq!(moved(&mesh, &scattered(icosahedron())), None);
 
-    let how = |scheme, levels, boundary| with(scheme, levels, false, boundary);
+    fn how(scheme: Scheme, levels: u32, boundary: Boundary) -> Subdivision {
+        with(scheme, levels, false, boundary)
+    }
     for how in [
         how(Scheme::Loop, 0, Boundary::EdgeAndCorner),
         how(Scheme::Loop, 2, Boundary::None),

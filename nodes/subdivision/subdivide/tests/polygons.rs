@@ -71,12 +71,12 @@ fn a_quad_becomes_nine_by_doo_and_sabin_and_one_if_its_border_shrinks() {
 
 #[test]
 fn several_steps_at_once_are_single_steps_one_after_the_other() {
-    let creased = |faces: Vec<Vec<u32>>| {
+    fn creased(faces: Vec<Vec<u32>>) -> Mesh {
         let mesh = scattered(faces);
         let creases: Vec<_> = mesh.edges().vertices.into_iter().step_by(3).zip(1..).collect();
         mesh.with_creases(creases.into_iter().map(|(ends, k)| (ends, f64::from(k % 8) / 2.0)))
             .unwrap()
-    };
+    }
     for faces in families() {
         for scheme in [Scheme::Loop, Scheme::CatmullClark, Scheme::DooSabin] {
             let is_triangles = faces.iter().all(|face| face.len() == 3);
@@ -84,13 +84,13 @@ fn several_steps_at_once_are_single_steps_one_after_the_other() {
                 continue;
             }
             for creases in [Creases::OpenSubdiv, Creases::Chaikin, Creases::Hoppe94] {
-                let how = |levels| Subdivision {
-                    creases,
-                    ..with(scheme, levels, false, Boundary::EdgeOnly)
-                };
+                fn how(levels: u32, scheme: Scheme, creases: Creases) -> Subdivision {
+                    Subdivision { creases, ..with(scheme, levels, false, Boundary::EdgeOnly) }
+                }
                 let mesh = creased(faces.clone());
-                let at_once = subdivide(&mesh, how(3)).unwrap();
-                let steps = (0..3).fold(mesh, |mesh, _| subdivide(&mesh, how(1)).unwrap());
+                let at_once = subdivide(&mesh, how(3, scheme, creases)).unwrap();
+                let steps =
+                    (0..3).fold(mesh, |mesh, _| subdivide(&mesh, how(1, scheme, creases)).unwrap());
                 assert_eq!(at_once.faces(), steps.faces());
                 let error = farthest(at_once.positions(), steps.positions());
                 assert!(error < 1e-15, "{scheme:?} {creases:?} {error}");
@@ -102,15 +102,18 @@ fn several_steps_at_once_are_single_steps_one_after_the_other() {
 
 #[test]
 fn the_limit_is_the_same_from_every_level() {
-    let around = |n| [trapezohedron(n), prism(n), rosette(n, 4), rosette(n, 3), fan(n, 4)];
-    let shapes = (3..=12).flat_map(around).chain([patchwork(), cube_faces(), fan(1, 5)]);
+    let shapes = (3..=12)
+        .flat_map(|n| [trapezohedron(n), prism(n), rosette(n, 4), rosette(n, 3), fan(n, 4)])
+        .chain([patchwork(), cube_faces(), fan(1, 5)]);
     for faces in shapes {
         for boundary in BOUNDARIES {
             let mesh = scattered(faces.clone());
-            let how = |levels| with(Scheme::CatmullClark, levels, true, boundary);
-            let direct = subdivide(&mesh, how(0)).unwrap();
+            fn how(levels: u32, boundary: &Boundary) -> Subdivision {
+                with(Scheme::CatmullClark, levels, true, *boundary)
+            }
+            let direct = subdivide(&mesh, how(0, &boundary)).unwrap();
             for levels in 1..=3 {
-                let later = subdivide(&mesh, how(levels)).unwrap();
+                let later = subdivide(&mesh, how(levels, &boundary)).unwrap();
                 let error = farthest(direct.positions(), later.positions());
                 assert!(error < 1e-14, "{faces:?} {boundary:?} {levels} {error}");
             }
@@ -127,13 +130,13 @@ fn normals_are_the_same_from_every_level() {
         let edges = mesh.edges();
         let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
         let border: Vec<u32> = border.flat_map(|(ends, _)| *ends).collect();
-        let normals = |levels| {
-            let limit = limit(&mesh, Scheme::CatmullClark, levels);
+        fn normals(levels: u32, mesh: &Mesh) -> Vec<[f64; 3]> {
+            let limit = limit(mesh, Scheme::CatmullClark, levels);
             limit.vertex().vectors("normal").unwrap().to_vec()
-        };
-        let direct = normals(0);
+        }
+        let direct = normals(0, &mesh);
         for levels in 1..=3 {
-            for (vertex, (a, b)) in (0u32..).zip(direct.iter().zip(normals(levels))) {
+            for (vertex, (a, b)) in (0u32..).zip(direct.iter().zip(normals(levels, &mesh))) {
                 let error = (Vector3::from(*a) - Vector3::from(b)).norm();
                 // The sides of a corner are told apart by the faces, which scattered vertices fold at random.
                 let is_inner = !border.contains(&vertex);
@@ -145,7 +148,7 @@ fn normals_are_the_same_from_every_level() {
 
 #[test]
 fn a_regular_vertex_is_a_b_splines() {
-    let spline = |scheme, weights: [f64; 3], total: f64| {
+    fn spline(scheme: Scheme, weights: [f64; 3], total: f64) {
         for (i, j) in (0..9).map(|k| (k / 3, k % 3)) {
             let peak =
                 |x: f64, y: f64| f64::from(x == 1.0 + f64::from(i) && y == 1.0 + f64::from(j));
@@ -153,7 +156,7 @@ fn a_regular_vertex_is_a_b_splines() {
             let expected = weights[i as usize] * weights[j as usize] / total;
             assert!((height - expected).abs() < 1e-14, "{scheme:?} {height} {expected}");
         }
-    };
+    }
     spline(Scheme::CatmullClark, [1.0, 4.0, 1.0], 36.0);
     spline(Scheme::DooSabin, [1.0, 6.0, 1.0], 64.0);
 }
@@ -162,12 +165,12 @@ fn a_regular_vertex_is_a_b_splines() {
 fn the_faces_of_doo_and_sabin_keep_their_centroids_and_vertices_become_faces_around_their_limit() {
     for faces in families() {
         let mesh = scattered(faces);
-        let centroid = |mesh: &Mesh, face: usize| {
+        fn centroid(mesh: &Mesh, face: usize) -> Vector3<f64> {
             let corners = mesh.faces().face(face);
             let sum: Vector3<f64> =
                 corners.iter().map(|&corner| mesh.positions()[corner as usize].coords).sum();
             sum / corners.len() as f64
-        };
+        }
         let points = limit(&mesh, Scheme::DooSabin, 0);
         let edges = mesh.edges();
         let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
@@ -209,20 +212,21 @@ fn the_border_of_doo_and_sabin_is_a_quadratic_spline_of_its_edges() {
 #[test]
 fn subdividing_and_an_affine_map_can_be_exchanged() {
     let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
-    let map = |points: &[Point3<f64>]| {
-        points.iter().map(|point| linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
-    };
+    fn map(points: &[Point3<f64>], linear: &Matrix3<f64>) -> Vec<Point3<f64>> {
+        points.iter().map(|point| *linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
+    }
     for (faces, scheme) in families().into_iter().flat_map(|f| BOTH.map(|s| (f.clone(), s))) {
         let mesh = scattered(faces);
-        let mapped = mesh.with_positions(map(mesh.positions())).unwrap();
-        let (first, then) = (limit(&mapped, scheme, 2), map(limit(&mesh, scheme, 2).positions()));
+        let mapped = mesh.with_positions(map(mesh.positions(), &linear)).unwrap();
+        let (first, then) =
+            (limit(&mapped, scheme, 2), map(limit(&mesh, scheme, 2).positions(), &linear));
         assert!(farthest(first.positions(), &then) < 1e-13);
     }
 }
 
 #[test]
 fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
-    let flat = |faces: Vec<Vec<u32>>, turn: f64, step: u32| {
+    fn flat(faces: Vec<Vec<u32>>, turn: f64, step: u32) -> Mesh {
         // Vertex 0 at the middle, the others on the unit circle, those on edges to vertex 0 a little farther out.
         let count = faces.iter().flatten().max().map_or(0, |&vertex| vertex);
         let rim = (0..count).map(|k| {
@@ -232,7 +236,7 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
         });
         let positions: Vec<_> = std::iter::once([0.0; 3]).chain(rim).collect();
         placed(faces, &positions)
-    };
+    }
     let (pi, mut meshes) = (std::f64::consts::PI, vec![lattice(3, |_, _| 0.0)]);
     for (n, sides) in (1..9).flat_map(|n| [3, 4, 5].map(|sides| (n, sides))) {
         let corners = f64::from(n * (sides - 2));
@@ -291,11 +295,13 @@ fn a_cube_with_sharp_edges_stays_a_cube() {
 
 #[test]
 fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
-    let refine = |sharpness| refine(&sharp_cube(sharpness), Scheme::CatmullClark, 1);
-    let linear = refine(10.0);
-    assert_eq!(refine(1.0).positions()[..], linear.positions()[..]);
-    assert_eq!(refine(1.0).creases().len(), 0);
-    let (smooth, half) = (refine(0.0), refine(0.5));
+    fn refine_cube(sharpness: f64) -> Mesh {
+        refine(&sharp_cube(sharpness), Scheme::CatmullClark, 1)
+    }
+    let linear = refine_cube(10.0);
+    assert_eq!(refine_cube(1.0).positions()[..], linear.positions()[..]);
+    assert_eq!(refine_cube(1.0).creases().len(), 0);
+    let (smooth, half) = (refine_cube(0.0), refine_cube(0.5));
     for i in 0..half.positions().len() {
         let middle = nalgebra::center(&smooth.positions()[i], &linear.positions()[i]);
         assert!((half.positions()[i] - middle).norm() < 1e-15);
@@ -318,12 +324,17 @@ fn a_crease_is_the_cubic_spline_of_its_edges() {
 #[test]
 fn a_regular_normal_is_that_of_the_spline() {
     let mesh = lattice(4, |x, y| 0.3 * x * x - 0.2 * x * y + 0.1 * y * y * y);
-    let at = |i: usize, j: usize| mesh.positions()[5 * i + j].coords;
+    fn at(i: usize, j: usize, mesh: &Mesh) -> Vector3<f64> {
+        mesh.positions()[5 * i + j].coords
+    }
     for (scheme, side) in [(Scheme::CatmullClark, 1.0 / 6.0), (Scheme::DooSabin, 1.0 / 8.0)] {
         let weights = [side, 1.0 - 2.0 * side, side];
-        let along = |k: usize| (at(k, 3) - at(k, 1)) * weights[k - 1];
-        let across = |k: usize| (at(3, k) - at(1, k)) * weights[k - 1];
-        let (u, v) = ((1..4).map(along).sum::<Vector3<f64>>(), (1..4).map(across).sum());
+        let (u, v) = (
+            (1..4)
+                .map(|k: usize| (at(k, 3, &mesh) - at(k, 1, &mesh)) * weights[k - 1])
+                .sum::<Vector3<f64>>(),
+            (1..4).map(|k: usize| (at(3, k, &mesh) - at(1, k, &mesh)) * weights[k - 1]).sum(),
+        );
         let expected = u.cross(&v).normalize();
         let limit = limit(&mesh, scheme, 0);
         let normal = Vector3::from(limit.vertex().vectors("normal").unwrap()[12]);
@@ -365,12 +376,15 @@ fn other_numbers_for_the_vertices_give_the_same_surface() {
         let mesh = scattered(patchwork());
         let same = mesh.faces().corners().len();
         let count = mesh.positions().len() as u32;
-        let renamed = |vertex: u32| (vertex * 5 + 3) % count;
-        let faces = mesh.faces().iter().map(|face| face.iter().map(|&v| renamed(v)).collect());
+        fn renamed(vertex: u32, count: u32) -> u32 {
+            (vertex * 5 + 3) % count
+        }
+        let faces =
+            mesh.faces().iter().map(|face| face.iter().map(|&v| renamed(v, count)).collect());
         let mut positions = vec![[0.0; 3]; count as usize];
         (0..)
             .zip(mesh.positions().iter())
-            .for_each(|(i, &p)| positions[renamed(i) as usize] = p.into());
+            .for_each(|(i, &p)| positions[renamed(i, count) as usize] = p.into());
         let other = refine(&placed(faces.collect(), &positions), scheme, 2);
         let mesh = refine(&mesh, scheme, 2);
         let corners = mesh.faces().corners().iter().zip(other.faces().corners().iter());
@@ -385,12 +399,12 @@ fn other_numbers_for_the_vertices_give_the_same_surface() {
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let mesh = scattered(sheet(70, 70, true));
     for scheme in BOTH {
-        let on = |threads| {
+        fn on(threads: usize, mesh: &Mesh, scheme: &Scheme) -> Mesh {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| limit(&mesh, scheme, 1))
-        };
-        let one = on(1);
-        assert_eq!([on(2), on(8)], [one.clone(), one]);
+            pool.install(|| limit(mesh, *scheme, 1))
+        }
+        let one = on(1, &mesh, &scheme);
+        assert_eq!([on(2, &mesh, &scheme), on(8, &mesh, &scheme)], [one.clone(), one]);
     }
 }
 
@@ -412,13 +426,21 @@ fn an_inner_vertex_of_two_faces_is_smooth() {
 #[test]
 fn faces_may_begin_at_any_corner() {
     for (turn, scheme) in (0..4).flat_map(|turn| BOTH.map(|scheme| (turn, scheme))) {
-        let turned = |mut face: Vec<u32>| {
-            let count = face.len();
-            face.rotate_left(turn % count);
-            face
-        };
         let plain = limit(&scattered(patchwork()), scheme, 0);
-        let turned = limit(&scattered(patchwork().into_iter().map(turned).collect()), scheme, 0);
+        let turned = limit(
+            &scattered(
+                patchwork()
+                    .into_iter()
+                    .map(|mut face: Vec<u32>| {
+                        let count = face.len();
+                        face.rotate_left(turn % count);
+                        face
+                    })
+                    .collect(),
+            ),
+            scheme,
+            0,
+        );
         assert!(farthest(plain.positions(), turned.positions()) < 1e-15);
     }
 }
@@ -426,13 +448,13 @@ fn faces_may_begin_at_any_corner() {
 #[test]
 fn one_large_face_whose_border_shrinks_has_its_limit_at_once() {
     // Its places and its tangents, by the rules of the scheme: after many steps they are those of the limit at hand.
-    let place = |k: u32| {
+    fn place(k: u32) -> Point3<f64> {
         let (sine, cosine) = libm::sincos(f64::from(k) * 0.7 + 0.2 * f64::from(k % 3));
         Point3::new(3.0 * cosine, 2.0 * sine, 0.4 * libm::sin(f64::from(k * k)))
-    };
+    }
     for count in [3, 4, 5, 9] {
         let places: Vec<Point3<f64>> = (0..count).map(place).collect();
-        let corners = Faces::uniform(count as usize, Vec::from_iter(0..count)).unwrap();
+        let corners = Faces::uniform(count as usize, (0..count).collect::<Vec<_>>()).unwrap();
         let mesh = Mesh::new(places, corners).unwrap();
         let limit = subdivide(&mesh, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
         let once = with(Scheme::DooSabin, 1, false, Boundary::None);
@@ -446,7 +468,7 @@ fn one_large_face_whose_border_shrinks_has_its_limit_at_once() {
         }
     }
     let count = 1000;
-    let corners = Faces::uniform(count as usize, Vec::from_iter(0..count)).unwrap();
+    let corners = Faces::uniform(count as usize, (0..count).collect::<Vec<_>>()).unwrap();
     let large = Mesh::new((0..count).map(place).collect::<Vec<_>>(), corners).unwrap();
     let start = std::time::Instant::now();
     subdivide(&large, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();

@@ -7,11 +7,13 @@ use nalgebra::Point3;
 pub(super) fn scattered(faces: Vec<Vec<u32>>) -> Mesh {
     let vertices = faces.iter().flatten().max().map_or(0, |&vertex| vertex + 1);
     let mut state = 7u32;
-    let mut random = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        f64::from(state >> 8) / f64::from(1 << 24) - 0.5
-    };
-    let positions: Vec<[f64; 3]> = (0..vertices).map(|_| [random(), random(), random()]).collect();
+    fn random(state: &mut u32) -> f64 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(*state >> 8) / f64::from(1 << 24) - 0.5
+    }
+    let positions: Vec<[f64; 3]> = (0..vertices)
+        .map(|_| [random(&mut state), random(&mut state), random(&mut state)])
+        .collect();
     placed(faces, &positions)
 }
 
@@ -23,8 +25,10 @@ pub(super) fn placed(faces: Vec<Vec<u32>>, positions: &[[f64; 3]]) -> Mesh {
 
 /// The cube between 0 and 1; vertex `i` has the bits of `i` as x, y and z.
 pub(super) fn cube() -> Mesh {
-    let corner = |i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from);
-    placed(cube_faces(), &(0..8).map(corner).collect::<Vec<_>>())
+    placed(
+        cube_faces(),
+        &(0..8).map(|i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from)).collect::<Vec<_>>(),
+    )
 }
 
 pub(super) fn cube_faces() -> Vec<Vec<u32>> {
@@ -43,9 +47,9 @@ pub(super) fn bipyramid(n: u32) -> Vec<Vec<u32>> {
 }
 
 pub(super) fn icosahedron() -> Vec<Vec<u32>> {
-    let ring = |i: u32| [1 + i % 5, 1 + (i + 1) % 5, 6 + i % 5, 6 + (i + 1) % 5];
-    let faces =
-        (0..5).map(ring).flat_map(|[a, b, c, d]| [[0, a, b], [a, c, b], [b, c, d], [11, d, c]]);
+    let faces = (0..5)
+        .map(|i: u32| [1 + i % 5, 1 + (i + 1) % 5, 6 + i % 5, 6 + (i + 1) % 5])
+        .flat_map(|[a, b, c, d]| [[0, a, b], [a, c, b], [b, c, d], [11, d, c]]);
     faces.map(|face| face.to_vec()).collect()
 }
 
@@ -58,10 +62,12 @@ pub(super) fn prism(n: u32) -> Vec<Vec<u32>> {
 
 /// Two poles of `n` quads each: vertices 0 and 1.
 pub(super) fn trapezohedron(n: u32) -> Vec<Vec<u32>> {
-    let ring = |i: u32| 2 + i % (2 * n);
+    fn ring(i: u32, n: u32) -> u32 {
+        2 + i % (2 * n)
+    }
     (0..n)
         .flat_map(|i| {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| ring(2 * i + k));
+            let [a, b, c, d] = [0, 1, 2, 3].map(|k| ring(2 * i + k, n));
             [vec![0, a, b, c], vec![1, d, c, b]]
         })
         .collect()
@@ -70,23 +76,39 @@ pub(super) fn trapezohedron(n: u32) -> Vec<Vec<u32>> {
 /// A sheet of `m` x `n` squares; closed to a torus if `around`.
 pub(super) fn sheet(m: u32, n: u32, around: bool) -> Vec<Vec<u32>> {
     let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
-    let at = |i: u32, j: u32| i % rows * columns + j % columns;
+    fn at(i: u32, j: u32, rows: u32, columns: u32) -> u32 {
+        i % rows * columns + j % columns
+    }
     let squares = (0..m * n).map(|k| (k / n, k % n));
-    squares.map(|(i, j)| vec![at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]).collect()
+    squares
+        .map(|(i, j)| {
+            vec![
+                at(i, j, rows, columns),
+                at(i, j + 1, rows, columns),
+                at(i + 1, j + 1, rows, columns),
+                at(i + 1, j, rows, columns),
+            ]
+        })
+        .collect()
 }
 
 /// A sheet of `n` x `n` squares on the unit lattice, with heights by x and y.
 pub(super) fn lattice(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let at = |k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1))];
-    let places = (0..(n + 1) * (n + 1)).map(at).map(|[x, y]| [x, y, height(x, y)]);
+    let places = (0..(n + 1) * (n + 1))
+        .map(|k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1))])
+        .map(|[x, y]| [x, y, height(x, y)]);
     placed(sheet(n, n, false), &places.collect::<Vec<_>>())
 }
 
 /// Vertex 0 in the middle of `n` polygons of `sides` corners each.
 pub(super) fn rosette(n: u32, sides: u32) -> Vec<Vec<u32>> {
     let step = sides - 2;
-    let rim = |k: u32| 1 + k % (step * n);
-    (0..n).map(|i| [0].into_iter().chain((0..=step).map(|k| rim(step * i + k))).collect()).collect()
+    fn rim(k: u32, step: u32, n: u32) -> u32 {
+        1 + k % (step * n)
+    }
+    (0..n)
+        .map(|i| [0].into_iter().chain((0..=step).map(|k| rim(step * i + k, step, n))).collect())
+        .collect()
 }
 
 /// Half of a rosette: vertex 0 on the border of `n` polygons.

@@ -66,7 +66,7 @@ impl Handover<'_> {
         let assignments = self.parameters.iter().map(|it| it.assignment.clone());
         let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
         let last = last.iter().map(|&word| word.to_owned());
-        let args = Vec::from_iter(start.into_iter().chain(words).chain(set).chain(last));
+        let args: Vec<_> = start.into_iter().chain(words).chain(set).chain(last).collect();
         json!({ "command": "bash", "args": args })
     }
 
@@ -74,26 +74,29 @@ impl Handover<'_> {
     fn amounts(&self) -> impl Iterator<Item = Json> {
         let threads = self.resources.threads.map(|threads| ("vcpu", threads as u64));
         let memory = self.resources.mebibytes().map(|memory| ("memory", memory));
-        let amount = |(name, min): (&str, u64)| json!({ "name": format!("amount.worker.{name}"), "min": min });
-        threads.into_iter().chain(memory).map(amount)
+        threads.into_iter().chain(memory).map(|(name, min): (&str, u64)| json!({ "name": format!("amount.worker.{name}"), "min": min }))
     }
 }
 
 /// Words as a template may hold them, and what a shell must do first to have them as they were: `{{` would begin a parameter, and
 /// control characters are refused.
 fn encoded(words: &[String]) -> (String, Vec<String>) {
-    let is_taken = |word: &String| !word.contains(['{', '}']) && !word.contains(char::is_control);
-    if words.iter().all(is_taken) {
+    if words.iter().all(|word| !word.contains(['{', '}']) && !word.contains(char::is_control)) {
         return (String::new(), words.to_vec());
     }
-    let encode = |c: char| match c {
-        '\\' => "\\\\".to_owned(),
-        '{' | '}' => format!("\\x{:02x}", u32::from(c)),
-        // Bytes, since a letter has no number in some languages of a shell.
-        c if c.is_control() => c.to_string().bytes().map(|byte| format!("\\x{byte:02x}")).collect(),
-        c => c.to_string(),
-    };
-    let encoded = words.iter().map(|word| word.chars().map(encode).collect());
+    let encoded = words.iter().map(|word| {
+        word.chars()
+            .map(|c: char| match c {
+                '\\' => "\\\\".to_owned(),
+                '{' | '}' => format!("\\x{:02x}", u32::from(c)),
+                // Bytes, since a letter has no number in some languages of a shell.
+                c if c.is_control() => {
+                    c.to_string().bytes().map(|byte| format!("\\x{byte:02x}")).collect()
+                }
+                c => c.to_string(),
+            })
+            .collect()
+    });
     let decode = format!(
         "own=(); for word in \"${{@:1:{0}}}\"; do printf -v word %b \"$word\"; own+=(\"$word\"); done; shift {0}; set -- \"${{own[@]}}\" \"$@\"; ",
         words.len()
@@ -122,7 +125,9 @@ mod tests {
 
     #[test]
     fn words_that_a_template_cannot_hold_are_encoded() {
-        let words = |words: &[&str]| Vec::from_iter(words.iter().map(|&word| word.to_owned()));
+        fn words(words: &[&str]) -> Vec<String> {
+            words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>()
+        }
         let plain = words(&["it's", "a\\b", "\u{e4}"]);
         assert_eq!(encoded(&plain), (String::new(), plain.clone()));
         let (decode, found) = encoded(&words(&["a\\b", "{{x}}\t\n"]));

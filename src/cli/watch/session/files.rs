@@ -65,12 +65,19 @@ impl Session<'_> {
         if is_graph && whole {
             self.end_drag();
         }
-        let means_the_same = |running: &Running| match &self.check {
-            Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
-            Check::Due | Check::Bad { .. } => false,
-        };
+        fn means_the_same(running: &Running, is_graph: bool, check: &Check) -> bool {
+            match check {
+                Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
+                Check::Due | Check::Bad { .. } => false,
+            }
+        }
         // What may be half a file stops nothing yet.
-        if whole && self.running.as_ref().is_some_and(|running| !means_the_same(running)) {
+        if whole
+            && self
+                .running
+                .as_ref()
+                .is_some_and(|running| !means_the_same(running, is_graph, &self.check))
+        {
             self.cancel();
         }
     }
@@ -80,8 +87,9 @@ impl Session<'_> {
         let (command, outside) = (self.command, self.outside);
         let (files, subgraphs, catalog) = (&self.files, &self.subgraphs, self.catalog);
         let here = &self.here;
-        let list = || command.watch_list(here, files, subgraphs, outside, catalog);
-        for file in self.sources.update(list) {
+        for file in
+            self.sources.update(|| command.watch_list(here, files, subgraphs, outside, catalog))
+        {
             self.reread(&file);
         }
         self.contents.keep(self.sources.paths());

@@ -10,7 +10,7 @@ use maquette_syntax::error::Severity;
 use maquette_value::Hash;
 use maquette_value::plain;
 
-use super::{Running, Session};
+use super::Session;
 use crate::edit::GraphFile;
 use crate::watch::Watch;
 use crate::watch::drag::Values;
@@ -44,8 +44,9 @@ impl<'a> Session<'a> {
     pub(super) fn dragged(&mut self, page: u64, values: Values) {
         self.drag.moved(page, values, Instant::now());
         // Outputs would keep the hand waiting; they are made when it lets go.
-        let makes_outputs = |running: &Running| running.purpose == Purpose::Outputs;
-        if self.drag.is_on() && self.running.as_ref().is_some_and(makes_outputs) {
+        if self.drag.is_on()
+            && self.running.as_ref().is_some_and(|running| running.purpose == Purpose::Outputs)
+        {
             self.cancel();
         }
     }
@@ -120,21 +121,21 @@ impl<'a> Session<'a> {
         }
         drop(turn);
         // The rest of the file is another one now: only values can be put back.
-        let old = |put: &Put| {
+        fn old(put: &Put) -> Result<(String, String), &str> {
             let before = put.before.clone().ok_or("it was not in the file before")?;
             match put.after.starts_with(&format!("Draft(final: {before}, draft: ")) {
                 true => Err("it was no `Draft` before"),
                 false => Ok((put.target.clone(), before)),
             }
-        };
+        }
         let back: Result<Vec<_>, _> = change.puts.iter().map(old).collect();
         let back = back.map_err(|why| {
             format!("{why}, and the file has been changed since: take it out there")
         })?;
-        let stands = |now: &[Put]| {
+        self.edit(&back, |now| {
             now.iter().zip(&change.puts).all(|(now, put)| now.before.as_ref() == Some(&put.after))
-        };
-        self.edit(&back, stands).map(drop)
+        })
+        .map(drop)
     }
 
     /// Puts values into the file of the graph, if what would be changed is as it should be. Gives what was changed, or says why not.
@@ -154,8 +155,11 @@ impl<'a> Session<'a> {
 
     /// The text of the graph's file with these values in it, or why they cannot be.
     fn edited(&self, values: &[(String, String)]) -> Result<Edited, String> {
-        let set = |(target, value): (String, String)| Edit::Set { target, value };
-        let edits = Vec::from_iter(values.iter().cloned().map(set));
+        let edits: Vec<_> = values
+            .iter()
+            .cloned()
+            .map(|(target, value): (String, String)| Edit::Set { target, value })
+            .collect();
         self.file().edited(&edits, self.catalog).map_err(|error| error.to_string())
     }
 
@@ -178,7 +182,9 @@ pub(super) struct Change {
 impl Change {
     fn of(edited: Edited) -> Self {
         let Edited { text, before, changes } = edited;
-        let alike = |(a, b): &(char, char)| a == b;
+        fn alike((a, b): &(char, char)) -> bool {
+            a == b
+        }
         let length = |(a, _): (char, char)| a.len_utf8();
         let start = before.chars().zip(text.chars()).take_while(alike).map(length).sum();
         let rest = before[start..].chars().rev().zip(text[start..].chars().rev());

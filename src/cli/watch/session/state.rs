@@ -44,10 +44,10 @@ pub(super) fn is_part(problems: &[Problem]) -> bool {
 #[cfg(unix)]
 pub(super) fn return_to(folder: &Path) {
     use std::os::unix::fs::MetadataExt;
-    let place = |path: &Path| {
+    fn place(path: &Path) -> Option<(u64, u64)> {
         let metadata = std::fs::metadata(path).ok()?;
         Some((metadata.dev(), metadata.ino()))
-    };
+    }
     if place(folder) != place(Path::new(".")) {
         // If it is not there either, the graph cannot be read, which is reported.
         let _ = std::env::set_current_dir(folder);

@@ -76,12 +76,17 @@ impl Disk {
             _ => None,
         });
         faults.extend(others.collect::<Vec<_>>());
-        let mend = |(path, what): (&Path, _)| {
-            let is_gone = |error: io::Error| error.kind() == io::ErrorKind::NotFound;
-            let mended = !dry_run && remove(path).map_or_else(is_gone, |()| true);
-            Fault { path: path.to_owned(), what, mended }
-        };
-        let mut faults = Vec::from_iter(faults.into_iter().map(mend));
+        let mut faults: Vec<_> = faults
+            .into_iter()
+            .map(|(path, what): (&Path, _)| {
+                let mended = !dry_run
+                    && remove(path).map_or_else(
+                        |error: io::Error| error.kind() == io::ErrorKind::NotFound,
+                        |()| true,
+                    );
+                Fault { path: path.to_owned(), what, mended }
+            })
+            .collect();
         if folder.exists() && !folder::is_tagged(folder) {
             let (path, what) = (folder.join(folder::TAG), NO_TAG);
             let mended = !dry_run && folder::tag(folder).is_ok();
@@ -97,7 +102,7 @@ impl Disk {
 fn faults_of_program<'f>(files: &[&'f Found]) -> Vec<(&'f Path, &'static str)> {
     let of = |what: &'static str| {
         let files = files.iter().filter(move |found| found.what == What::Kept(what));
-        Vec::from_iter(files.map(|found| &*found.path))
+        files.map(|found| &*found.path).collect::<Vec<_>>()
     };
     let entries: Vec<_> =
         of("entries").into_par_iter().map(|path| (path, entry_at(path))).collect();
@@ -165,12 +170,12 @@ fn entry_at(path: &Path) -> Entry {
 
 /// Whether a file holds the column of this hash.
 fn is_column(path: &Path, hash: Hash, items: u64) -> bool {
-    let hashed = || {
+    fn hashed(items: u64, path: &Path) -> Result<Hash, io::Error> {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&items.to_le_bytes()).update_reader(plain::open_own(path)?)?;
         io::Result::Ok(Hash(*hasher.finalize().as_bytes()))
-    };
-    hashed().is_ok_and(|found| found == hash)
+    }
+    hashed(items, path).is_ok_and(|found| found == hash)
 }
 
 /// What is wrong with a file that remembers a program.

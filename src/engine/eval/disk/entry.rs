@@ -144,10 +144,11 @@ impl Entry {
     }
 
     pub(super) fn values(&self, columns: &dyn Columns) -> Option<Values> {
-        let value = |(kind, hash, range): &(&'static ValueType, Hash, Range<usize>)| {
-            kind.decode(&self.bytes[range.clone()], columns, *hash).ok()
-        };
-        let values: Option<Vec<AnyValue>> = self.outputs.iter().map(value).collect();
+        let values: Option<Vec<AnyValue>> = self
+            .outputs
+            .iter()
+            .map(|(kind, hash, range)| kind.decode(&self.bytes[range.clone()], columns, *hash).ok())
+            .collect();
         values.map(Values::from)
     }
 }

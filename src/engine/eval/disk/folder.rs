@@ -105,12 +105,12 @@ fn is_empty(folder: &Path) -> bool {
 /// Whether a folder without its tag can be nothing else: all that it holds is ours, and some of it could not be anything else.
 fn looks_ours(folder: &Path) -> bool {
     let contents = contents(folder);
-    let has_results = |home: &PathBuf| home.join(FOLDERS[0]).is_dir();
-    let is_memo = |found: &Found| {
-        let remembered = |bytes| program::remembered(&found.path, bytes).is_some();
-        found.what == What::Program && plain::read_own(&found.path).is_ok_and(remembered)
-    };
-    let is_known = contents.homes.iter().any(has_results) || contents.files.iter().any(is_memo);
+    let is_known = contents.homes.iter().any(|home| home.join(FOLDERS[0]).is_dir())
+        || contents.files.iter().any(|found| {
+            found.what == What::Program
+                && plain::read_own(&found.path)
+                    .is_ok_and(|bytes| program::remembered(&found.path, bytes).is_some())
+        });
     contents.foreign.is_empty() && is_known
 }
 
@@ -146,8 +146,7 @@ impl Contents {
             let name = name_of(&entry);
             match FOLDERS.into_iter().find(|folder| *folder == name && is_folder(&entry)) {
                 Some(folder) => {
-                    let what = |name: &str| is_hash(name).then_some(What::Kept(folder));
-                    self.add_all(&entry.path(), what);
+                    self.add_all(&entry.path(), |name| is_hash(name).then_some(What::Kept(folder)));
                 }
                 None => self.foreign.push(entry.path()),
             }

@@ -106,13 +106,16 @@ fn own_code() -> usize {
 #[cfg(target_os = "linux")]
 fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     let maps = std::fs::read_to_string("/proc/self/maps")?;
-    let parts = Vec::from_iter(maps.lines().filter_map(mapped));
-    let file = |address: &usize| {
-        let part = parts.iter().find(|(range, _)| range.contains(address));
-        let unknown = || io::Error::other("which file the code of a pack is from cannot be told");
-        part.map(|(_, file)| PathBuf::from(file)).ok_or_else(unknown)
-    };
-    addresses.iter().map(file).collect()
+    let parts: Vec<_> = maps.lines().filter_map(mapped).collect();
+    addresses
+        .iter()
+        .map(|address| {
+            let part = parts.iter().find(|(range, _)| range.contains(address));
+            part.map(|(_, file)| PathBuf::from(file)).ok_or_else(|| {
+                io::Error::other("which file the code of a pack is from cannot be told")
+            })
+        })
+        .collect()
 }
 
 /// The addresses and the file of a line such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`.
@@ -121,7 +124,9 @@ fn mapped(line: &str) -> Option<(Range<usize>, &str)> {
     let file = &line[line.find('/')?..];
     let (start, rest) = line.split_once('-')?;
     let end = rest.split_once(' ')?.0;
-    let number = |text: &str| usize::from_str_radix(text, 16).ok();
+    fn number(text: &str) -> Option<usize> {
+        usize::from_str_radix(text, 16).ok()
+    }
     Some((number(start)?..number(end)?, file))
 }
 
@@ -160,40 +165,52 @@ mod tests {
     #[test]
     fn code_that_is_known_by_its_build_needs_no_file() {
         let folder = tempfile::tempdir().unwrap();
-        let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
+        fn fingerprint(
+            engine: &'static str,
+            packs: &[Code],
+            folder: &tempfile::TempDir,
+        ) -> Result<String, io::Error> {
+            fingerprint_with(folder.path(), engine, packs)
+        }
         let (a, b) = (code("a", "1", &[]), code("b", "2", &[]));
         let all = [
-            fingerprint("0", &[a.clone(), b.clone()]),
-            fingerprint("0", &[b.clone(), a.clone()]),
-            fingerprint("0", std::slice::from_ref(&a)),
-            fingerprint("1", &[a.clone(), b.clone()]),
-            fingerprint("0", &[code("a", "4", &[]), b.clone()]),
-            fingerprint("0", &[code("c", "1", &[]), b.clone()]),
-            fingerprint("0", &[code("a", "2", &[]), code("b", "1", &[])]),
+            fingerprint("0", &[a.clone(), b.clone()], &folder),
+            fingerprint("0", &[b.clone(), a.clone()], &folder),
+            fingerprint("0", std::slice::from_ref(&a), &folder),
+            fingerprint("1", &[a.clone(), b.clone()], &folder),
+            fingerprint("0", &[code("a", "4", &[]), b.clone()], &folder),
+            fingerprint("0", &[code("c", "1", &[]), b.clone()], &folder),
+            fingerprint("0", &[code("a", "2", &[]), code("b", "1", &[])], &folder),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
         assert!(all.iter().all(|fingerprint| is_fingerprint(fingerprint)));
-        assert_eq!(fingerprint("0", &[a, b]).unwrap(), all[0]);
+        assert_eq!(fingerprint("0", &[a, b], &folder).unwrap(), all[0]);
         assert!(!folder.path().join(PROGRAMS).exists());
     }
 
     #[test]
     fn code_without_a_build_is_known_by_its_file() {
         let folder = tempfile::tempdir().unwrap();
-        let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
+        fn fingerprint(
+            engine: &'static str,
+            packs: &[Code],
+            folder: &tempfile::TempDir,
+        ) -> Result<String, io::Error> {
+            fingerprint_with(folder.path(), engine, packs)
+        }
         let library = libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize;
         let all = [
-            fingerprint("0", &[code("a", "", &[])]),
-            fingerprint("0", &[code("a", "", &[own_code()])]),
-            fingerprint("0", &[code("a", "", &[library])]),
-            fingerprint("0", &[code("a", "", &[own_code(), library])]),
-            fingerprint("", &[code("a", "", &[library])]),
+            fingerprint("0", &[code("a", "", &[])], &folder),
+            fingerprint("0", &[code("a", "", &[own_code()])], &folder),
+            fingerprint("0", &[code("a", "", &[library])], &folder),
+            fingerprint("0", &[code("a", "", &[own_code(), library])], &folder),
+            fingerprint("", &[code("a", "", &[library])], &folder),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
         // Where it cannot be told, nothing is believed.
-        assert!(fingerprint("0", &[code("a", "", &[8])]).is_err());
+        assert!(fingerprint("0", &[code("a", "", &[8])], &folder).is_err());
     }
 
     #[test]
@@ -202,20 +219,20 @@ mod tests {
         folder::tag(folder.path()).unwrap();
         let file = files_of(&[own_code()]).unwrap().pop_first().unwrap();
         let (memo, _) = memo(folder.path(), &file).unwrap();
-        let remember = |text: &str| {
-            write_parts(&memo, &[text.as_bytes(), &seal(&memo, text.as_bytes())]).unwrap();
-        };
-        remember(&computed(&file).unwrap());
-        let faults = || {
+        fn remember(text: &str, memo: &Path) {
+            write_parts(memo, &[text.as_bytes(), &seal(memo, text.as_bytes())]).unwrap();
+        }
+        remember(&computed(&file).unwrap(), &memo);
+        fn faults(folder: &tempfile::TempDir) -> Vec<PathBuf> {
             let faults = Disk::doctor(folder.path(), false).unwrap().faults;
-            Vec::from_iter(faults.into_iter().map(|fault| fault.path))
-        };
-        assert_eq!(faults(), [""; 0].map(PathBuf::from));
+            faults.into_iter().map(|fault| fault.path).collect::<Vec<_>>()
+        }
+        assert_eq!(faults(&folder), [""; 0].map(PathBuf::from));
         let other = memo.with_file_name(Hash::of(b"other").to_string());
         write_parts(&other, &[&std::fs::read(&memo).unwrap()]).unwrap();
-        assert_eq!((faults(), memo.exists()), (vec![other], true));
-        remember("0123456789abcdef0123456789abcdef");
-        assert_eq!((faults(), memo.exists()), (vec![memo.clone()], false));
+        assert_eq!((faults(&folder), memo.exists()), (vec![other], true));
+        remember("0123456789abcdef0123456789abcdef", &memo);
+        assert_eq!((faults(&folder), memo.exists()), (vec![memo.clone()], false));
     }
 
     #[test]

@@ -81,11 +81,10 @@ impl Store {
 
     fn fetch_entry(&self, key: Hash) -> Option<Entry> {
         let (remote, path) = (self.remote()?, self.entry_path(key));
-        let parsed = |bytes| {
+        let (entry, content) = remote.get(&path, MOST, 0.0, |bytes| {
             let content = unsealed(&path, bytes)?;
             Some((Entry::parse(content.clone(), key, &self.types)?, content))
-        };
-        let (entry, content) = remote.get(&path, MOST, 0.0, parsed)?;
+        })?;
         self.write_checked(&path, &content);
         remote.has_saved(entry.seconds());
         Some(entry)
@@ -94,18 +93,22 @@ impl Store {
     /// Takes the columns of an entry that are not in the folder from the server, if that is quicker than so many seconds.
     pub(super) fn fetch_columns(&self, entry: &Entry, seconds: f64) {
         let Some(remote) = self.remote() else { return };
-        let is_missing = |(hash, _): &(Hash, u64)| !self.column_path(*hash).exists();
-        let missing = Vec::from_iter(entry.columns().iter().copied().filter(is_missing));
+        let missing: Vec<_> = entry
+            .columns()
+            .iter()
+            .copied()
+            .filter(|(hash, _)| !self.column_path(*hash).exists())
+            .collect();
         let most = entry.size() as u64;
         missing.par_iter().for_each(|&(hash, items)| {
             let path = self.column_path(hash);
-            let is_it = |bytes: &Vec<u8>| {
-                let mut hasher = blake3::Hasher::new();
-                hasher.update(&items.to_le_bytes()).update_rayon(bytes);
-                Hash(*hasher.finalize().as_bytes()) == hash
-            };
-            let judged = |bytes| Some(bytes).filter(is_it);
-            if let Some(bytes) = remote.get(&path, most, seconds, judged) {
+            if let Some(bytes) = remote.get(&path, most, seconds, |bytes| {
+                Some(bytes).filter(|bytes| {
+                    let mut hasher = blake3::Hasher::new();
+                    hasher.update(&items.to_le_bytes()).update_rayon(bytes);
+                    Hash(*hasher.finalize().as_bytes()) == hash
+                })
+            }) {
                 self.write(&path, &[&bytes]);
             }
         });

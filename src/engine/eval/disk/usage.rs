@@ -182,14 +182,16 @@ impl Disk {
             *bytes += found.bytes + own.sum::<u64>();
         }
         sizes.other += columns.values().sum::<u64>();
-        let size = |((graph, node, kind), (results, bytes))| NodeSize {
-            graph,
-            node,
-            kind,
-            results,
-            bytes,
-        };
-        sizes.nodes = nodes.into_iter().map(size).collect();
+        sizes.nodes = nodes
+            .into_iter()
+            .map(|((graph, node, kind), (results, bytes))| NodeSize {
+                graph,
+                node,
+                kind,
+                results,
+                bytes,
+            })
+            .collect();
         sizes.nodes.sort_by_key(|size| std::cmp::Reverse(size.bytes));
         Ok(sizes)
     }

@@ -97,14 +97,16 @@ impl Writer {
         let (sender, _) = thread.get_or_insert_with(|| {
             let (sender, receiver) = sync_channel::<Job>(QUEUE);
             let (store, waiting) = (self.store.clone(), self.waiting.clone());
-            let work = move || {
-                for job in receiver {
-                    let bytes = job.bytes();
-                    job.run(&store);
-                    waiting.fetch_sub(bytes, Ordering::Relaxed);
-                }
-            };
-            (sender, std::thread::spawn(work))
+            (
+                sender,
+                std::thread::spawn(move || {
+                    for job in receiver {
+                        let bytes = job.bytes();
+                        job.run(&store);
+                        waiting.fetch_sub(bytes, Ordering::Relaxed);
+                    }
+                }),
+            )
         });
         sender.clone()
     }
@@ -130,7 +132,7 @@ impl Job {
     pub(super) fn run(self, store: &Store) {
         match self {
             Self::Entry { key, node, outcome, values, trusted } => {
-                let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
+                let kept: Vec<_> = values.iter().map(AnyValue::keep).collect();
                 if !kept.iter().all(|kept| kept.is_intact) {
                     return store.stop(CHANGED);
                 }

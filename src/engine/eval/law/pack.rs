@@ -105,7 +105,9 @@ impl Node for Read {
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let first = |bytes: &[u8]| bytes.first().map_or(0, |byte| u64::from(*byte));
+        fn first(bytes: &[u8]) -> u64 {
+            bytes.first().map_or(0, |byte| u64::from(*byte))
+        }
         let extra =
             cx.file_if_any(&self.path.beside("extra")).map_or(0, |file| first(file.bytes()));
         Ok((Amount(first(cx.file(&self.path)?.bytes()) + extra),))

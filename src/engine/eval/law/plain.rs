@@ -56,11 +56,15 @@ pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
 }
 
 fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
-    let input = |link: &maquette_graph::Link| match &before[link.node] {
-        Truth::Given { values, .. } => Some(values[link.output].clone()),
-        _ => None,
-    };
-    let Some(inputs) = node.links.iter().map(input).collect::<Option<Vec<AnyValue>>>() else {
+    let Some(inputs) = node
+        .links
+        .iter()
+        .map(|link| match &before[link.node] {
+            Truth::Given { values, .. } => Some(values[link.output].clone()),
+            _ => None,
+        })
+        .collect::<Option<Vec<AnyValue>>>()
+    else {
         return Truth::Skipped;
     };
     let mut files: BTreeMap<PathBuf, Option<File>> = BTreeMap::new();

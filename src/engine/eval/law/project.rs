@@ -72,7 +72,9 @@ impl Project {
     pub(super) fn edit(&mut self, edit: &Edit) {
         self.changes = self.changes.wrapping_add(1);
         let count = self.nodes.len();
-        let place = |pick: u8| usize::from(pick) % count.max(1);
+        fn place(pick: u8, count: usize) -> usize {
+            usize::from(pick) % count.max(1)
+        }
         match edit.clone() {
             Edit::Add { at, kind, number, links } => {
                 self.insert(usize::from(at) % (count + 1), kind, number, &links);
@@ -95,21 +97,21 @@ impl Project {
             Edit::Longer => self.longer = !self.longer,
             Edit::Switch => self.second = !self.second,
             _ if count == 0 => {}
-            Edit::Number { node, number } => self.nodes[place(node)].number = number,
-            Edit::Kind { node, kind } => self.nodes[place(node)].kind = kind,
-            Edit::Rename { node } => self.nodes[place(node)].name = self.new_name(),
+            Edit::Number { node, number } => self.nodes[place(node, count)].number = number,
+            Edit::Kind { node, kind } => self.nodes[place(node, count)].kind = kind,
+            Edit::Rename { node } => self.nodes[place(node, count)].name = self.new_name(),
             Edit::Link { node, link, to } => {
-                let node = place(node);
+                let node = place(node, count);
                 let links = &mut self.nodes[node].links;
                 if node > 0 && !links.is_empty() {
                     let link = usize::from(link) % links.len();
                     links[link] = usize::from(to) % node;
                 }
             }
-            Edit::Turn { node } => self.nodes[place(node)].links.reverse(),
-            Edit::Other { node } => self.nodes[place(node)].other ^= true,
-            Edit::Swap { node } => self.swap(place(node)),
-            Edit::Remove { node } => self.remove(place(node)),
+            Edit::Turn { node } => self.nodes[place(node, count)].links.reverse(),
+            Edit::Other { node } => self.nodes[place(node, count)].other ^= true,
+            Edit::Swap { node } => self.swap(place(node, count)),
+            Edit::Remove { node } => self.remove(place(node, count)),
         }
         self.save();
     }
@@ -202,7 +204,7 @@ impl Project {
             Some(format!("\"{}{element}{output}\"", to.name))
         };
         let number = node.number % 16;
-        let all = Vec::from_iter((0..node.links.len()).filter_map(link));
+        let all: Vec<_> = (0..node.links.len()).filter_map(link).collect();
         match (node.kind, link(0), link(1)) {
             (Kind::Read, ..) => format!("Read(path: {:?})", FILES[usize::from(number) % 2]),
             (Kind::Split, Some(of), _) => format!("Split(of: {of})"),

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use maquette_graph::{Graph, Link};
+use maquette_graph::Graph;
 use maquette_value::{AnyValue, Hash};
 
 use super::Last;
@@ -125,13 +125,15 @@ impl Found<'_> {
             names.eq(trace.0.iter().map(|node| &node.name)),
             "other nodes are forecast than visited"
         );
-        let outlook = |index: usize| forecasts.iter().find(|forecast| forecast.index == index);
+        fn outlook(index: usize, forecasts: &[Forecast]) -> Option<&Forecast> {
+            forecasts.iter().find(|forecast| forecast.index == index)
+        }
         for (forecast, node) in forecasts.iter().zip(&trace.0) {
             let state = node.state;
-            let is_sure = |link: &Link| {
-                outlook(link.node).is_some_and(|forecast| forecast.outlook == Outlook::Cached)
-            };
-            let inputs_are_known = self.graph.nodes()[forecast.index].links.iter().all(is_sure);
+            let inputs_are_known = self.graph.nodes()[forecast.index].links.iter().all(|link| {
+                outlook(link.node, forecasts)
+                    .is_some_and(|forecast| forecast.outlook == Outlook::Cached)
+            });
             let possible = match forecast.outlook {
                 Outlook::Cached => matches!(state, State::Cached),
                 // Another one with the same work may have been faster.

@@ -128,7 +128,9 @@ fn add() -> impl Strategy<Value = Edit> {
 }
 
 fn edit() -> impl Strategy<Value = Edit> {
-    let pair = || (any::<u8>(), any::<u8>());
+    fn pair() -> (prop::num::u8::Any, prop::num::u8::Any) {
+        (any::<u8>(), any::<u8>())
+    }
     prop_oneof![
         4 => add(),
         6 => pair().prop_map(|(node, number)| Edit::Number { node, number }),
@@ -151,7 +153,9 @@ fn edit() -> impl Strategy<Value = Edit> {
 }
 
 fn command() -> impl Strategy<Value = Command> {
-    let wanted = || prop::collection::vec(any::<u8>(), 0..3);
+    fn wanted() -> prop::collection::VecStrategy<prop::num::u8::Any> {
+        prop::collection::vec(any::<u8>(), 0..3)
+    }
     prop_oneof![
         16 => (wanted(), any::<bool>())
             .prop_map(|(wanted, values)| Command::Evaluate { wanted, values }),

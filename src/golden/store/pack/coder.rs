@@ -18,16 +18,16 @@ impl Bit {
         ((u32::from(self.fast) + u32::from(self.slow)) >> 1).clamp(64, (1 << 16) - 64)
     }
 
-    fn learn(&mut self, yes: bool) {
-        let learn = |chance: &mut u16, shift: u32| {
+    fn adapt(&mut self, yes: bool) {
+        fn learn(chance: &mut u16, shift: u32, yes: bool) {
             *chance = if yes {
                 *chance - (*chance >> shift)
             } else {
                 *chance + ((u16::MAX - *chance) >> shift)
             };
-        };
-        learn(&mut self.fast, 4);
-        learn(&mut self.slow, 7);
+        }
+        learn(&mut self.fast, 4, yes);
+        learn(&mut self.slow, 7, yes);
     }
 }
 
@@ -89,7 +89,7 @@ impl Coder for Writer {
         } else {
             self.range = bound;
         }
-        bit.learn(yes);
+        bit.adapt(yes);
         while self.range < 1 << 24 {
             self.range <<= 8;
             self.shift();
@@ -143,7 +143,7 @@ impl Coder for Reader<'_> {
         } else {
             self.range = bound;
         }
-        bit.learn(yes);
+        bit.adapt(yes);
         while self.range < 1 << 24 {
             self.range <<= 8;
             self.shift();

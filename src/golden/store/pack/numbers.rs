@@ -103,10 +103,10 @@ impl Whole {
                 [left, up, flat, sum.map(|sum| sum >> 1)]
             }
             Layout::Mesh(around) => {
-                let known = |vertex: u32| self.at(vertex as usize, component);
                 let (mut near, mut n_near, mut flat, mut n_flat) = (0i64, 0, 0i64, 0);
                 for &[one, other, across] in around.of(element) {
-                    let [one, other, across] = [one, other, across].map(known);
+                    let [one, other, across] =
+                        [one, other, across].map(|vertex: u32| self.at(vertex as usize, component));
                     for x in one.into_iter().chain(other) {
                         near = near.wrapping_add(x);
                         n_near += 1;
@@ -143,8 +143,11 @@ pub(super) fn code(
     let mut last = vec![0i64; width];
     for element in 0..count {
         let is_grid = if let Layout::Grid(row) = layout { *row } else { 1 };
-        let odd = |back: usize| element.checked_sub(back).is_some_and(|other| read.odd[other]);
-        let context = usize::from(odd(1)) + 2 * usize::from(odd(is_grid));
+        fn odd(back: usize, element: usize, read_odd: &[bool]) -> bool {
+            element.checked_sub(back).is_some_and(|other| read_odd[other])
+        }
+        let context = usize::from(odd(1, element, &read.odd))
+            + 2 * usize::from(odd(is_grid, element, &read.odd));
         let is_odd = given.odd.get(element).copied().unwrap_or(false);
         let is_odd = coder.bit(&mut odd_bits[context], is_odd);
         let number = |component: usize| given.numbers.get(element * width + component);

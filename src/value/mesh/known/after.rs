@@ -41,8 +41,9 @@ impl Mesh {
 
     /// The faces that have a corner at one of these vertices, in order.
     fn faces_at(&self, vertices: &Vertices) -> Vec<u32> {
-        let has = |face: &[u32]| face.iter().any(|&vertex| vertices.has(vertex));
-        self.faces.spread().faces(&self.faces, &vertices.bins(), has)
+        self.faces.spread().faces(&self.faces, &vertices.bins(), |face| {
+            face.iter().any(|&vertex| vertices.has(vertex))
+        })
     }
 }
 

@@ -19,7 +19,6 @@ impl Spread {
     pub(in crate::mesh) fn new(faces: &Faces) -> Self {
         let corners = faces.corners();
         let bins = corners.iter().max().map_or(0, |&last| last as usize / BIN + 1);
-        let unseen = || vec![u32::MAX; bins];
         let of_block = |last: &mut Vec<u32>, block: usize| {
             let faces_of = faces_of(block, faces);
             let mut found = Vec::new();
@@ -35,7 +34,7 @@ impl Spread {
             found.into_boxed_slice()
         };
         let blocks = (0..faces.len().div_ceil(FACES)).into_par_iter();
-        Self(blocks.map_init(unseen, of_block).collect())
+        Self(blocks.map_init(|| vec![u32::MAX; bins], of_block).collect())
     }
 
     /// The faces of which `is_wanted` is true, in order; those that have no corner in one of these bins are not looked at.
@@ -45,9 +44,9 @@ impl Spread {
         bins: &[bool],
         is_wanted: impl Fn(&[u32]) -> bool + Copy + Send + Sync,
     ) -> Vec<u32> {
-        let blocks = Vec::from_iter(
-            (0..self.0.len()).filter(|&block| self.0[block].iter().any(|&bin| bins[bin as usize])),
-        );
+        let blocks: Vec<_> = (0..self.0.len())
+            .filter(|&block| self.0[block].iter().any(|&bin| bins[bin as usize]))
+            .collect();
         let found = blocks.par_iter().with_min_len(16).map(|&block| {
             let found = faces_of(block, faces).filter(|&face| is_wanted(faces.face(face)));
             found.map(|face| face as u32).collect::<Vec<_>>()

@@ -133,8 +133,10 @@ impl Ray {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let has = |is: fn(&f64) -> bool| [u, v, w].iter().any(is);
-        if has(|x| *x < 0.0) && has(|x| 0.0 < *x) {
+        fn has(is: fn(&f64) -> bool, u: f64, v: f64, w: f64) -> bool {
+            [u, v, w].iter().any(is)
+        }
+        if has(|x| *x < 0.0, u, v, w) && has(|x| 0.0 < *x, u, v, w) {
             return None;
         }
         let det = u + v + w;
@@ -211,10 +213,10 @@ mod tests {
 
     #[test]
     fn no_ray_slips_through_between_two_faces() {
-        let at = |k: u32| {
+        fn at(k: u32) -> Point3<f64> {
             let bump = f64::from(k * k % 17) / 50.0;
             Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
-        };
+        }
         let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
         let quads = quads.flat_map(|a: u32| [a, a + 1, a + 21, a + 20]);
         let faces = Faces::polygons(&[4; 19 * 19], quads.collect()).unwrap();
@@ -258,17 +260,19 @@ mod tests {
             Point3::new(0.0, 1.0, 0.0),
         ]);
         let tree = TriangleTree::new(&one);
-        let hit = |origin: [f64; 3], to: [f64; 3]| tree.first_hit(origin.into(), to.into());
+        fn hit(origin: [f64; 3], to: [f64; 3], tree: &TriangleTree) -> Option<RayHit> {
+            tree.first_hit(origin.into(), to.into())
+        }
         // From both sides, at any length of the direction.
         for scale in [1e-200, 1.0, -1.0, 1e200] {
-            let hit = hit([0.0, 0.0, scale], [0.0, 0.0, -scale]).unwrap();
+            let hit = hit([0.0, 0.0, scale], [0.0, 0.0, -scale], &tree).unwrap();
             assert_eq!((hit.along, hit.face), (1.0, 0));
         }
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            assert_eq!(hit([0.0, 0.0, bad], [0.0, 0.0, 1.0]), None);
-            assert_eq!(hit([0.0, 0.0, 1.0], [0.0, 0.0, bad]), None);
+            assert_eq!(hit([0.0, 0.0, bad], [0.0, 0.0, 1.0], &tree), None);
+            assert_eq!(hit([0.0, 0.0, 1.0], [0.0, 0.0, bad], &tree), None);
         }
-        assert_eq!(hit([0.0; 3], [0.0; 3]), None);
+        assert_eq!(hit([0.0; 3], [0.0; 3], &tree), None);
         let none = TriangleTree::new(&Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap());
         assert_eq!(none.first_hit(Point3::origin(), Vector3::x()), None);
     }

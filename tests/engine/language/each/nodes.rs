@@ -85,7 +85,7 @@ impl Value for Beads {
     const NAME: &'static str = "Beads";
 
     fn encode(&self, to: &mut Encoder) {
-        to.counts(&Vec::from_iter(self.0.iter().map(|&bead| usize::from(bead))));
+        to.counts(&self.0.iter().map(|&bead| usize::from(bead)).collect::<Vec<_>>());
     }
 
     fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
@@ -132,7 +132,12 @@ impl Node for Count {
     const OUTPUTS: [&'static str; 1] = ["points"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let point = |&bead: &u8| Point3::new(f64::from(bead), 0.0, 0.0);
-        Ok((Points::new(cx.get(&self.beads).0.iter().map(point).collect::<Vec<_>>())?,))
+        Ok((Points::new(
+            cx.get(&self.beads)
+                .0
+                .iter()
+                .map(|&bead| Point3::new(f64::from(bead), 0.0, 0.0))
+                .collect::<Vec<_>>(),
+        )?,))
     }
 }
